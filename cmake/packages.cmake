@@ -1,0 +1,24 @@
+# Every library the project takes from outside.
+find_package(absl REQUIRED)
+find_package(Protobuf REQUIRED)
+find_package(gRPC CONFIG REQUIRED)
+find_package(nlohmann_json REQUIRED)
+find_package(spdlog REQUIRED)
+find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs videoio video)
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(libzip REQUIRED IMPORTED_TARGET libzip)  # its CMake file wants the command-line tools too
+find_package(OpenSSL REQUIRED COMPONENTS Crypto)
+find_package(Threads REQUIRED)
+
+if(HOLDFAST_SERVER OR HOLDFAST_TRAINING)
+  find_package(Torch REQUIRED)
+  find_package(prometheus-cpp CONFIG REQUIRED)
+  # Torch's own flags come with its target; only the directories are marked as not ours.
+  add_library(holdfast_torch INTERFACE)
+  target_include_directories(holdfast_torch SYSTEM INTERFACE ${TORCH_INCLUDE_DIRS})
+  target_link_libraries(holdfast_torch INTERFACE ${TORCH_LIBRARIES})
+endif()
+if(HOLDFAST_TESTS)
+  find_package(GTest REQUIRED)
+  find_package(benchmark REQUIRED)
+endif()

@@ -1,0 +1,65 @@
+# The three kinds of target of this project: holdfast_library, holdfast_program and holdfast_test.
+# Sources are listed by name; PCH names the precompiled-header holder a target shares (torch, grpc or none).
+
+# Flags of our own code, none of them reaching the headers of libraries.
+add_library(holdfast_flags INTERFACE)
+target_compile_options(holdfast_flags INTERFACE -Wall -Wextra -Werror -Wno-psabi
+  $<$<CXX_COMPILER_ID:GNU>:-Wno-missing-field-initializers>
+  $<$<CXX_COMPILER_ID:Clang>:-Wthread-safety -Wno-missing-field-initializers>)
+
+function(_holdfast_common target pch)
+  target_include_directories(${target} PUBLIC ${PROJECT_SOURCE_DIR})
+  target_link_libraries(${target} PRIVATE holdfast_flags)
+  if(pch AND HOLDFAST_PCH)
+    target_precompile_headers(${target} REUSE_FROM pch_${pch})
+  endif()
+endfunction()
+
+# A holder builds its headers once; targets of the same flags share the result.
+function(holdfast_pch name)
+  cmake_parse_arguments(A "" "" "HEADERS;DEPS" ${ARGN})
+  file(WRITE ${PROJECT_BINARY_DIR}/pch/${name}.cc "// Holder of the precompiled headers of '${name}'.\n")
+  add_library(pch_${name} OBJECT ${PROJECT_BINARY_DIR}/pch/${name}.cc)
+  target_include_directories(pch_${name} PUBLIC ${PROJECT_SOURCE_DIR})
+  target_link_libraries(pch_${name} PRIVATE holdfast_flags ${A_DEPS})
+  if(HOLDFAST_PCH)
+    target_precompile_headers(pch_${name} PRIVATE ${A_HEADERS})
+  endif()
+endfunction()
+
+# holdfast_library(name SOURCES ... [DEPS public...] [PRIVATE_DEPS private...] [PCH torch|grpc])
+function(holdfast_library name)
+  cmake_parse_arguments(A "" "PCH" "SOURCES;DEPS;PRIVATE_DEPS" ${ARGN})
+  add_library(${name} STATIC ${A_SOURCES})
+  target_link_libraries(${name} PUBLIC ${A_DEPS} PRIVATE ${A_PRIVATE_DEPS})
+  _holdfast_common(${name} "${A_PCH}")
+endfunction()
+
+# holdfast_program(name SOURCES ... DEPS ... [PCH torch|grpc]); OUTPUT holds the executable's file name.
+function(holdfast_program name)
+  cmake_parse_arguments(A "" "PCH;OUTPUT" "SOURCES;DEPS" ${ARGN})
+  add_executable(${name} ${A_SOURCES})
+  target_link_libraries(${name} PRIVATE ${A_DEPS})
+  _holdfast_common(${name} "${A_PCH}")
+  if(A_OUTPUT)
+    set_target_properties(${name} PROPERTIES OUTPUT_NAME ${A_OUTPUT})
+  endif()
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+  install(TARGETS ${name} RUNTIME COMPONENT ${name})
+endfunction()
+
+# holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...]); ctest shows the name as given.
+function(holdfast_test name)
+  cmake_parse_arguments(A "" "PCH;TIMEOUT" "SOURCES;DEPS;LABELS" ${ARGN})
+  string(REPLACE "/" "_" target ${name})
+  add_executable(${target} ${A_SOURCES})
+  target_link_libraries(${target} PRIVATE ${A_DEPS} GTest::gmock GTest::gtest_main)
+  _holdfast_common(${target} "${A_PCH}")
+  target_compile_definitions(${target} PRIVATE HOLDFAST_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
+  add_test(NAME ${name} COMMAND ${target})
+  if(NOT A_TIMEOUT)
+    set(A_TIMEOUT 300)
+  endif()
+  set_tests_properties(${name} PROPERTIES LABELS "${A_LABELS}" TIMEOUT ${A_TIMEOUT})
+endfunction()

@@ -1,0 +1,21 @@
+# ccache where it is installed, the mold linker where it is installed, sanitizers on request.
+find_program(HOLDFAST_CCACHE ccache)
+if(HOLDFAST_CCACHE)
+  # Precompiled headers need the sloppiness; the base directory lets one cache serve several checkouts.
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${PROJECT_SOURCE_DIR}
+    CCACHE_SLOPPINESS=pch_defines,time_macros,include_file_mtime,include_file_ctime ${HOLDFAST_CCACHE})
+  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+    add_compile_options(-fpch-preprocess)
+  endif()
+endif()
+
+find_program(HOLDFAST_MOLD mold)
+if(HOLDFAST_MOLD)
+  add_link_options(-fuse-ld=mold)
+endif()
+
+if(HOLDFAST_SANITIZE)
+  add_compile_options(-fsanitize=${HOLDFAST_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all -g1)
+  add_link_options(-fsanitize=${HOLDFAST_SANITIZE})
+  add_compile_definitions(HOLDFAST_SANITIZED)
+endif()

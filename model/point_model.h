@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// The network: encoder + contextual attention give one feature map a frame; refinement moves points through a window of
+// frames by iterated local correlation and a temporal update block. Letters and conventions: model/README.md.
+#pragma once
+
+#include <torch/nn/module.h>
+#include <torch/types.h>
+
+#include <vector>
+
+#include "model/context.h"
+#include "model/encoder.h"
+#include "model/feature_pyramid.h"
+#include "model/options.h"
+#include "model/update_block.h"
+
+namespace holdfast {
+
+// Rows that share one window: N points on the same S frames. Positions are feature pixels (image pixels / stride).
+struct WindowRows {
+  std::vector<FeaturePyramid> frames;  // S pyramids of one size; the same pyramid may stand several times
+  torch::Tensor start;                 // [N, S, 2] float32, initial positions (x, y); frame 0 stays where it is
+  torch::Tensor feature;               // [N, C] float32, f1: the template sampled at the query
+  // Templates of the first iteration, [N, S, C] each. Undefined: f1 at every frame. Defined when a run is to reproduce
+  // the published script, which carries them from the window before.
+  torch::Tensor carried_f2;
+  torch::Tensor carried_f4;
+};
+
+// Result of a window for the rows of one WindowRows, float32 on the model's device.
+struct WindowEstimate {
+  torch::Tensor positions;          // [N, S, 2] feature pixels after the last iteration
+  torch::Tensor visibility_logit;   // [N, S]; undefined without a visibility head
+  torch::Tensor similarity;         // [N, S] cosine of f1 and the feature at the estimate
+  torch::Tensor last_step;          // [N, S] feature pixels moved in the last iteration
+  torch::Tensor f2;                 // [N, S, C] templates of the last iteration; only with keep_templates
+  torch::Tensor f4;
+};
+
+struct RefineOptions {
+  int64_t iterations = 6;
+  bool keep_templates = false;
+};
+
+// Thread-compatible: concurrent const calls are safe once the parameters no longer change.
+class PointModelImpl : public torch::nn::Module {
+ public:
+  // REQUIRES: options.Validate() is OK.
+  explicit PointModelImpl(const ModelOptions& options);
+
+  const ModelOptions& options() const { return options_; }
+
+  // frames [F, H, W, 3] uint8 RGB, H and W multiples of 8 -> [F, C, H/8, W/8] in channels-last memory, the dtype of the
+  // parameters. Includes the contextual attention. Differentiable with respect to the parameters.
+  torch::Tensor Encode(const torch::Tensor& frames);
+
+  // Inference only (no gradient). All groups run as one batch; no row sees another.
+  std::vector<WindowEstimate> Refine(const std::vector<WindowRows>& groups, const RefineOptions& options);
+
+  // Training: one clip. maps [S, C, H8, W8] with gradient, start [N, S, 2] feature pixels, query feature sampled from
+  // frame 0 at start[:, 0] -> positions after each iteration, K x [N, S, 2] feature pixels, not locked at frame 0 (the
+  // losses want what the network said), and the visibility logits of the last iteration [N, S] (undefined without).
+  struct Trajectory {
+    std::vector<torch::Tensor> positions;
+    torch::Tensor visibility_logit;
+  };
+  Trajectory Unroll(const torch::Tensor& maps, const torch::Tensor& start, int64_t iterations);
+
+  int64_t ParameterCount() const;
+
+ private:
+  ModelOptions options_;
+  Encoder fnet_{nullptr};
+  Context context_{nullptr};            // null when options.context_blocks == 0
+  UpdateBlock delta_block_{nullptr};
+  torch::nn::GroupNorm norm_{nullptr};  // in the published checkpoint, never applied
+};
+TORCH_MODULE(PointModel);
+
+}  // namespace holdfast

@@ -1,0 +1,1 @@
+#include "model/shape_check.h"

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// The plain values that callers, the in-process engine and the remote client exchange. No protobuf, no torch.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+
+namespace holdfast {
+
+// Chosen by the caller, unique within a session.
+using PointId = uint64_t;
+
+struct ImageSize {
+  int width = 0;   // pixels
+  int height = 0;  // pixels
+  bool empty() const { return width == 0 && height == 0; }
+  friend bool operator==(const ImageSize& a, const ImageSize& b) { return a.width == b.width && a.height == b.height; }
+  friend bool operator!=(const ImageSize& a, const ImageSize& b) { return !(a == b); }
+};
+
+enum class FrameEncoding {
+  kJpeg,
+  kPng,
+  kRgb24,  // raw, rows top to bottom without padding, 3 bytes a pixel
+  kBgr24,  // raw, 3 bytes a pixel
+  kGray8,  // raw, 1 byte a pixel
+};
+
+inline bool IsRaw(FrameEncoding encoding) {
+  return encoding != FrameEncoding::kJpeg && encoding != FrameEncoding::kPng;
+}
+
+// "Follow what is here in this frame." Pixels of the caller's frame; (0, 0) is the centre of the first pixel.
+struct PointQuery {
+  PointId id = 0;
+  float x = 0;  // in [0, width - 1]
+  float y = 0;  // in [0, height - 1]
+};
+
+struct SessionConfig {
+  FrameEncoding encoding = FrameEncoding::kJpeg;
+  ImageSize raw_size;         // of every frame; required for raw encodings, empty otherwise
+  ImageSize processing_size;  // multiples of 32; empty: the engine's default
+  int hop_frames = 0;         // 1..window-1 new frames between windows; 0: the engine's default
+  int iterations = 0;         // refinement iterations of a window; 0: the engine's default
+  bool send_provisional = true;
+  std::vector<PointQuery> points;  // queried at the first frame
+  std::string label;               // for logs only; at most 128 bytes
+};
+
+struct Frame {
+  int64_t index = 0;  // 0 for a session's first frame, then +1 each
+  std::string bytes;
+  std::optional<absl::Time> capture_time;
+  std::vector<PointQuery> points;  // queried at this very frame
+};
+
+// Estimates of one point on consecutive frames first_frame .. first_frame + x.size() - 1.
+struct PointRun {
+  PointId id = 0;
+  int64_t first_frame = 0;
+  std::vector<float> x;           // pixels of the caller's frame
+  std::vector<float> y;           // pixels of the caller's frame
+  std::vector<uint8_t> visible;   // 0 or 1
+  std::vector<float> confidence;  // [0, 1]
+  int64_t final_count = 0;        // the first final_count frames of the run will never be revised
+};
+
+struct TrackUpdate {
+  std::vector<PointRun> runs;
+  int64_t frames_received = 0;   // watermark: frames accepted so far
+  int64_t frames_processed = 0;  // watermark: frames whose features are computed
+};
+
+struct SessionLimits {
+  int max_points = 0;
+  int64_t max_frame_bytes = 0;
+  int64_t max_frame_pixels = 0;
+  int64_t max_frames = 0;  // 0: endless
+};
+
+// What the tracker agreed to; sent once before any update.
+struct SessionAccepted {
+  std::string session_id;
+  ImageSize processing_size;
+  int hop_frames = 0;
+  int iterations = 0;
+  int window_frames = 0;
+  SessionLimits limits;
+};
+
+struct SessionSummary {
+  int64_t frames = 0;        // frames tracked
+  int64_t points = 0;        // points ever added
+  int64_t final_samples = 0; // (point, frame) pairs made final
+};
+
+struct TrackerInfo {
+  std::string model_name;
+  std::string preset;          // a preset's name, or "custom"
+  std::string weights_sha256;  // hex
+  std::string precision;       // "float32" or "bfloat16"
+  std::string device;          // "cpu", "cuda:0"
+  std::string build;           // version of the program
+  ImageSize default_processing_size;
+  int window_frames = 0;
+  int default_hop_frames = 0;
+  int default_iterations = 0;
+  int max_sessions = 0;
+  SessionLimits limits;
+};
+
+}  // namespace holdfast

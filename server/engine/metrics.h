@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// The events the engine reports, without a metrics library. Implementations are thread-safe and quick.
+#pragma once
+
+#include <cstdint>
+
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+namespace holdfast {
+
+enum class Stage { kDecode, kQueue, kEncode, kRefine, kEmit };
+enum class SessionOutcome { kCompleted, kFailed, kCancelled };
+enum class FrameResult { kTracked, kRejected, kDropped };
+enum class RejectReason { kSessions, kMemory };
+
+class EngineMetrics {
+ public:
+  virtual ~EngineMetrics() = default;
+  virtual void SessionOpened() = 0;
+  virtual void SessionClosed(SessionOutcome outcome) = 0;
+  virtual void AdmissionRejected(RejectReason reason) = 0;
+  virtual void PointsActive(int64_t delta) = 0;  // change of the number of points tracked now
+  virtual void FrameDone(FrameResult result) = 0;
+  virtual void StageTook(Stage stage, absl::Duration duration) = 0;
+  virtual void FirstEstimate(absl::Duration since_arrival) = 0;  // of a frame
+  virtual void FinalEstimate(absl::Duration since_arrival) = 0;  // of a frame
+  virtual void SessionLag(int64_t frames) = 0;                   // received but not processed, seen at each frame
+  virtual void BatchRefined(int64_t rows, int64_t iterations) = 0;
+  virtual void CacheBytes(int64_t bytes) = 0;  // features held now, all sessions
+};
+
+class NullEngineMetrics : public EngineMetrics {
+ public:
+  void SessionOpened() override {}
+  void SessionClosed(SessionOutcome) override {}
+  void AdmissionRejected(RejectReason) override {}
+  void PointsActive(int64_t) override {}
+  void FrameDone(FrameResult) override {}
+  void StageTook(Stage, absl::Duration) override {}
+  void FirstEstimate(absl::Duration) override {}
+  void FinalEstimate(absl::Duration) override {}
+  void SessionLag(int64_t) override {}
+  void BatchRefined(int64_t, int64_t) override {}
+  void CacheBytes(int64_t) override {}
+};
+
+}  // namespace holdfast
