@@ -14,8 +14,8 @@ namespace holdfast {
 
 // Receives what a session produces. Called on a thread of the tracker, one call at a time, in the order below:
 // OnAccepted once, then OnTracks / OnWarning any number of times, then OnDone once as the very last call.
-// A session that is refused gets OnDone alone. Calls may arrive before PointTracker::Open has returned. An observer may take its time (the stream waits), but must not
-// call the stream's blocking methods from here.
+// A session that is refused gets OnDone alone. Calls may arrive before PointTracker::Open has returned. An observer may
+// take its time (the stream waits), but must not call the stream's blocking methods from here.
 class TrackObserver {
  public:
   virtual ~TrackObserver() = default;

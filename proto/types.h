@@ -95,9 +95,9 @@ struct SessionAccepted {
 };
 
 struct SessionSummary {
-  int64_t frames = 0;        // frames tracked
-  int64_t points = 0;        // points ever added
-  int64_t final_samples = 0; // (point, frame) pairs made final
+  int64_t frames = 0;         // frames tracked
+  int64_t points = 0;         // points ever added
+  int64_t final_samples = 0;  // (point, frame) pairs made final
 };
 
 struct TrackerInfo {

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plain values <-> protocol messages. FromProto checks everything that can be seen in the message alone (finite
+// numbers, duplicate ids, sizes, lengths); what depends on limits or on the state of a session is the engine's
+// business. What a client may get wrong is INVALID_ARGUMENT with field violations; what only a broken server sends is
+// INTERNAL.
+#pragma once
+
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "holdfast/v1/point_tracking.pb.h"
+#include "proto/types.h"
+
+namespace holdfast {
+
+// What the client sends. A Frame's bytes are moved, never copied.
+v1::SessionConfig ToProto(const SessionConfig& config);
+v1::Frame ToProto(Frame frame);
+v1::AddPoints AddPointsToProto(const std::vector<PointQuery>& points);
+v1::RemovePoints RemovePointsToProto(const std::vector<PointId>& ids);
+
+absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config);
+absl::StatusOr<Frame> FromProto(v1::Frame&& frame);
+absl::StatusOr<std::vector<PointQuery>> FromProto(const v1::AddPoints& add);
+std::vector<PointId> FromProto(const v1::RemovePoints& remove);
+
+// What the server answers.
+v1::SessionAccepted ToProto(const SessionAccepted& accepted);
+v1::Tracks ToProto(const TrackUpdate& update);
+v1::SessionSummary ToProto(const SessionSummary& summary);
+v1::GetServerInfoResponse ToProto(const TrackerInfo& info);
+
+absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted);
+absl::StatusOr<TrackUpdate> FromProto(const v1::Tracks& tracks);
+SessionSummary FromProto(const v1::SessionSummary& summary);
+absl::StatusOr<TrackerInfo> FromProto(const v1::GetServerInfoResponse& info);
+
+}  // namespace holdfast
