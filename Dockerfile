@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+# Targets: server (default), client, trainer. `--build-arg DEBIAN=trixie` builds on Debian 13.
+ARG DEBIAN=bookworm
+
+FROM debian:${DEBIAN}-slim AS toolchain
+COPY deploy/packages/build.txt /tmp/build.txt
+RUN apt-get update -qq \
+ && grep -v '^#' /tmp/build.txt | DEBIAN_FRONTEND=noninteractive xargs apt-get install -y -qq --no-install-recommends > /dev/null \
+ && rm -rf /var/lib/apt/lists/*
+
+FROM toolchain AS source
+WORKDIR /src
+COPY . .
+RUN cmake --preset release -DHOLDFAST_TESTS=OFF > /dev/null
+
+# One stage a program group, so that an image builds only what it holds.
+FROM source AS build-server
+RUN cmake --build build/release --target holdfast_server holdfast_import \
+ && deploy/image/rootfs.sh /rootfs build/release/bin/holdfast-server build/release/bin/holdfast-import
+FROM source AS build-client
+RUN cmake --build build/release --target holdfast_client \
+ && deploy/image/rootfs.sh /rootfs build/release/bin/holdfast
+FROM source AS build-trainer
+RUN cmake --build build/release --target holdfast_train holdfast_eval holdfast_synth holdfast_import \
+ && deploy/image/rootfs.sh /rootfs build/release/bin/holdfast-train build/release/bin/holdfast-eval \
+      build/release/bin/holdfast-synth build/release/bin/holdfast-import
+
+FROM debian:${DEBIAN}-slim AS runtime
+RUN useradd --system --uid 10001 --user-group --no-create-home holdfast
+ENV LANG=C.UTF-8
+
+# The command line client: docker run -v "$PWD:/data" holdfast-client track video.mp4 --server=host:50051 ...
+FROM runtime AS client
+COPY --from=build-client /rootfs /
+RUN ldconfig && holdfast --version
+USER holdfast
+WORKDIR /data
+ENTRYPOINT ["holdfast"]
+
+# The training job: docker run -v /data:/data holdfast-trainer --preset=small ...
+FROM runtime AS trainer
+COPY --from=build-trainer /rootfs /
+COPY weights /usr/share/holdfast/weights
+RUN ldconfig && holdfast-train --version
+USER holdfast
+WORKDIR /data
+ENTRYPOINT ["holdfast-train"]
+
+# The tracking server: gRPC on 50051; /metrics, /healthz and /readyz on 9464.
+FROM runtime AS server
+COPY --from=build-server /rootfs /
+COPY weights /usr/share/holdfast/weights
+RUN ldconfig && holdfast-server --version
+USER holdfast
+WORKDIR /usr/share/holdfast
+EXPOSE 50051 9464
+# Kubernetes uses its own probes: grpc on 50051 (grpc.health.v1) or http GET /readyz on 9464.
+HEALTHCHECK --interval=10s --timeout=3s --start-period=30s \
+  CMD ["bash", "-c", "exec 3<>/dev/tcp/127.0.0.1/9464 && printf 'GET /readyz HTTP/1.0\\r\\n\\r\\n' >&3 && head -n 1 <&3 | grep -q ' 200 '"]
+ENTRYPOINT ["holdfast-server"]

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+# The front door. `make demo` and `make test` do everything a fresh Debian machine needs.
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+PRESET ?= release
+BUILD := build/$(PRESET)
+JOBS ?= $(shell nproc)
+TIME ?= 30m
+PACKAGES := $(shell grep -v '^\#' deploy/packages/build.txt)
+SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
+CC_FILES = git ls-files '*.cc' '*.h'
+
+.PHONY: help deps configure build test demo bench format format-check lint clean
+
+help: ## show these lines
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
+
+deps: ## install the Debian packages of deploy/packages/build.txt that are missing
+	@missing=$$(for p in $(PACKAGES); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q '^install ok' || echo $$p; done); \
+	if [ -n "$$missing" ]; then \
+	  $(SUDO) apt-get update -qq && \
+	  DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends $$missing > /dev/null; \
+	fi
+
+configure: deps
+	@cmake --preset $(PRESET) > $(shell mktemp -u /tmp/holdfast-configure.XXXXXX) || cmake --preset $(PRESET)
+
+build: configure ## build everything (PRESET=release|asan|tsan|clang)
+	cmake --build $(BUILD) -j $(JOBS)
+
+test: build ## build and run every test
+	ctest --preset $(PRESET)
+
+demo: configure ## track a real video through the server; the result lies in out/demo
+	cmake --build $(BUILD) -j $(JOBS) --target holdfast_server holdfast_client
+	deploy/demo.sh $(BUILD)/bin out/demo
+
+bench: build ## run the benchmarks (speed, not correctness)
+	@for b in $(BUILD)/benchmarks/*; do [ -x "$$b" ] && echo "== $$(basename $$b)" && "$$b" || true; done
+
+train-small: configure ## train preset small for TIME=30m on synthetic scenes; weights lie in out/train-small
+	cmake --build $(BUILD) -j $(JOBS) --target holdfast_train
+	$(BUILD)/bin/holdfast-train --preset=small --time_budget=$(TIME) --out=out/train-small
+
+format: deps ## format the C++ sources in place
+	$(CC_FILES) | xargs clang-format -i
+
+format-check: deps
+	$(CC_FILES) | xargs clang-format --dry-run -Werror
+
+lint: format-check ## check format, clang's thread-safety analysis and clang-tidy
+	$(MAKE) build PRESET=clang
+	git ls-files '*.cc' | xargs -P $(JOBS) -n 8 clang-tidy -p build/clang --quiet
+
+clean: ## remove build and out
+	rm -rf build out
