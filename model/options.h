@@ -14,8 +14,8 @@ namespace holdfast {
 
 struct ModelOptions {
   std::array<int64_t, 4> encoder_channels = {64, 96, 128, 128};  // of the four residual layers; the stem has the first
-  int64_t encoder_mid = 256;       // channels between the concatenation and the output
-  int64_t feature_channels = 128;  // C; a multiple of 4 (sine/cosine embedding) and of context_heads
+  int64_t encoder_mid = 256;                                     // channels between the concatenation and the output
+  int64_t feature_channels = 128;  // C; at least 8, a multiple of 4 (sine/cosine embedding) and of context_heads
   int64_t stride = 8;              // image pixels a feature pixel; only 8 exists
   int64_t context_blocks = 6;      // transformer blocks of the contextual attention; 0: none
   int64_t context_heads = 8;
@@ -32,7 +32,11 @@ struct ModelOptions {
   // 3 templates x levels x offsets
   int64_t CorrelationFeatures() const { return 3 * correlation_levels * CorrelationOffsets(); }
 
-  // Bounds every field, so that a hostile checkpoint cannot ask for more memory than a real network takes.
+  // Elements of all parameters of the network these options describe.
+  int64_t ParameterCount() const;
+
+  // Bounds every field and the parameter count, so that a hostile checkpoint cannot ask for more memory than a real
+  // network takes.
   absl::Status Validate() const;
 
   friend bool operator==(const ModelOptions& a, const ModelOptions& b);
