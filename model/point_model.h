@@ -8,7 +8,7 @@
 
 #include <vector>
 
-#include "model/context.h"
+#include "model/contextual_attention.h"
 #include "model/encoder.h"
 #include "model/feature_pyramid.h"
 #include "model/options.h"
@@ -29,11 +29,11 @@ struct WindowRows {
 
 // Result of a window for the rows of one WindowRows, float32 on the model's device.
 struct WindowEstimate {
-  torch::Tensor positions;          // [N, S, 2] feature pixels after the last iteration
-  torch::Tensor visibility_logit;   // [N, S]; undefined without a visibility head
-  torch::Tensor similarity;         // [N, S] cosine of f1 and the feature at the estimate
-  torch::Tensor last_step;          // [N, S] feature pixels moved in the last iteration
-  torch::Tensor f2;                 // [N, S, C] templates of the last iteration; only with keep_templates
+  torch::Tensor positions;         // [N, S, 2] feature pixels after the last iteration
+  torch::Tensor visibility_logit;  // [N, S]; undefined without a visibility head
+  torch::Tensor similarity;        // [N, S] cosine of f1 and the feature at the estimate
+  torch::Tensor last_step;         // [N, S] feature pixels moved in the last iteration
+  torch::Tensor f2;                // [N, S, C] templates of the last iteration; only with keep_templates
   torch::Tensor f4;
 };
 
@@ -71,7 +71,7 @@ class PointModelImpl : public torch::nn::Module {
  private:
   ModelOptions options_;
   Encoder fnet_{nullptr};
-  Context context_{nullptr};            // null when options.context_blocks == 0
+  ContextualAttention context_{nullptr};  // null when options.context_blocks == 0
   UpdateBlock delta_block_{nullptr};
   torch::nn::GroupNorm norm_{nullptr};  // in the published checkpoint, never applied
 };
