@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+// A PointTracker that returns tracks a test has made up, on the caller's thread.
+#pragma once
+
+#include <algorithm>
+#include <functional>
+#include <map>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "proto/point_tracker.h"
+
+namespace holdfast {
+
+struct FakeEstimate {
+  float x = 0;
+  float y = 0;
+  bool visible = true;
+};
+
+// Where a point that was given as 'query' in 'query_frame' is said to be in 'frame'.
+using FakePath = std::function<FakeEstimate(const PointQuery& query, int64_t query_frame, int64_t frame)>;
+
+// Sends a provisional estimate far from the path for every frame pushed, and the path itself, final, at the end.
+class FakeTracker final : public PointTracker {
+ public:
+  struct Behaviour {
+    FakePath path;
+    ImageSize default_processing_size = {512, 384};
+    int64_t fail_at_frame = -1;        // PushFrame of this index ends the session with UNAVAILABLE; -1: never
+    int64_t final_frames_missing = 0;  // so many frames at the end of every track never become final
+  };
+
+  explicit FakeTracker(Behaviour behaviour) : behaviour_(std::move(behaviour)) {}
+
+  absl::StatusOr<std::unique_ptr<TrackStream>> Open(const SessionConfig& config, TrackObserver& observer) override {
+    configs_.push_back(config);
+    frames_.clear();
+    return std::make_unique<Stream>(*this, config, observer);
+  }
+  absl::StatusOr<TrackerInfo> Info() override { return TrackerInfo{}; }
+
+  const std::vector<SessionConfig>& configs() const { return configs_; }  // of every session opened
+  const std::vector<Frame>& frames() const { return frames_; }            // of the last session
+
+ private:
+  class Stream final : public TrackStream {
+   public:
+    Stream(FakeTracker& tracker, const SessionConfig& config, TrackObserver& observer)
+        : tracker_(tracker), observer_(observer) {
+      SessionAccepted accepted;
+      accepted.processing_size =
+          config.processing_size.empty() ? tracker.behaviour_.default_processing_size : config.processing_size;
+      observer_.OnAccepted(accepted);
+      Query(config.points, 0);
+    }
+    ~Stream() override { Cancel(); }
+
+    absl::Status PushFrame(Frame frame) override {
+      if (frame.index == tracker_.behaviour_.fail_at_frame)
+        return Done(absl::UnavailableError("the tracker went away"));
+      Query(frame.points, frame.index);
+      tracker_.frames_.push_back(std::move(frame));
+      TrackUpdate update;
+      for (const auto& [id, query] : queries_) update.runs.push_back(Run(query, 1, /*final=*/false));
+      observer_.OnTracks(std::move(update));
+      return absl::OkStatus();
+    }
+    absl::Status AddPoints(std::vector<PointQuery> points) override {
+      Query(points, std::max<int64_t>(0, Frames() - 1));
+      return absl::OkStatus();
+    }
+    absl::Status RemovePoints(std::vector<PointId> ids) override {
+      for (PointId id : ids) queries_.erase(id);
+      return absl::OkStatus();
+    }
+    absl::Status Finish() override {
+      TrackUpdate update;
+      for (const auto& [id, query] : queries_) {
+        const int64_t frames = Frames() - query.frame;
+        update.runs.push_back(Run(query, frames, /*final=*/true));
+        update.runs.back().final_count = std::max<int64_t>(0, frames - tracker_.behaviour_.final_frames_missing);
+      }
+      observer_.OnTracks(std::move(update));
+      return Done(absl::OkStatus());
+    }
+    void Cancel() override {
+      if (!done_) Done(absl::CancelledError("cancelled")).IgnoreError();
+    }
+
+   private:
+    struct PlacedQuery {
+      PointQuery point;
+      int64_t frame = 0;
+    };
+
+    int64_t Frames() const { return static_cast<int64_t>(tracker_.frames_.size()); }
+
+    void Query(const std::vector<PointQuery>& points, int64_t frame) {
+      for (const PointQuery& point : points) queries_[point.id] = {point, frame};
+    }
+
+    // The newest 'frames' frames of a track.
+    PointRun Run(const PlacedQuery& query, int64_t frames, bool final) const {
+      PointRun run;
+      run.id = query.point.id;
+      run.first_frame = Frames() - frames;
+      for (int64_t frame = run.first_frame; frame < Frames(); ++frame) {
+        const FakeEstimate estimate = tracker_.behaviour_.path(query.point, query.frame, frame);
+        run.x.push_back(final ? estimate.x : estimate.x + 1000);
+        run.y.push_back(estimate.y);
+        run.visible.push_back(estimate.visible);
+        run.confidence.push_back(1);
+      }
+      return run;
+    }
+
+    absl::Status Done(absl::Status status) {
+      done_ = true;
+      observer_.OnDone(status, SessionSummary{});
+      return status;
+    }
+
+    FakeTracker& tracker_;
+    TrackObserver& observer_;
+    std::map<PointId, PlacedQuery> queries_;
+    bool done_ = false;
+  };
+
+  const Behaviour behaviour_;
+  std::vector<SessionConfig> configs_;
+  std::vector<Frame> frames_;
+};
+
+}  // namespace holdfast
