@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/remote_tracker.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <thread>
+
+#include "absl/synchronization/notification.h"
+#include "proto/errors.h"
+#include "proto/grpc_status.h"
+#include "tests/client/fake_service.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+class Recorder final : public TrackObserver {
+ public:
+  void OnAccepted(const SessionAccepted& value) override { accepted = value; }
+  void OnTracks(TrackUpdate update) override {
+    updates.push_back(std::move(update));
+    if (updates.size() == 1) first_update.Notify();
+  }
+  void OnWarning(const absl::Status& status) override { warnings.push_back(status); }
+  void OnDone(const absl::Status& status, const SessionSummary& value) override {
+    ++done_calls;
+    done = status;
+    summary = value;
+  }
+
+  SessionAccepted accepted;
+  std::vector<TrackUpdate> updates;
+  std::vector<absl::Status> warnings;
+  absl::Status done;
+  SessionSummary summary;
+  int done_calls = 0;
+  absl::Notification first_update;
+};
+
+absl::StatusOr<std::unique_ptr<RemoteTracker>> ConnectTo(const std::string& address) {
+  RemoteTracker::Options options;
+  options.address = address;
+  return RemoteTracker::Connect(options);
+}
+
+Frame FrameOf(int64_t index, size_t bytes = 3) {
+  Frame frame;
+  frame.index = index;
+  frame.bytes.assign(bytes, 'f');
+  return frame;
+}
+
+// Answers each frame with a sample whose x is the frame's index.
+grpc::Status EchoFrames(grpc::ServerContext&, FakeService::Stream& stream) {
+  v1::TrackRequest request;
+  int64_t frames = 0;
+  stream.Read(&request);
+  stream.Write(Accepted());
+  while (stream.Read(&request)) {
+    if (request.has_frame()) stream.Write(Sample(1, request.frame().index(), static_cast<float>(frames++), 0));
+  }
+  stream.Write(Summary(frames));
+  return grpc::Status::OK;
+}
+
+TEST(RemoteTrackerTest, DeliversWhatTheServerSendsInOrderAndFinishesWithItsSummary) {
+  FakeService service(EchoFrames);
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  ASSERT_TRUE(stream.ok()) << stream.status();
+  for (int i = 0; i < 5; ++i) ASSERT_TRUE((*stream)->PushFrame(FrameOf(i)).ok());
+  EXPECT_TRUE((*stream)->Finish().ok());
+  EXPECT_EQ(recorder.accepted.session_id, "s1");
+  ASSERT_EQ(recorder.updates.size(), 5u);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(recorder.updates[i].runs[0].x[0], i);
+  EXPECT_EQ(recorder.summary.frames, 5);
+  EXPECT_EQ(recorder.done_calls, 1);
+  EXPECT_FALSE((*stream)->PushFrame(FrameOf(5)).ok());
+}
+
+TEST(RemoteTrackerTest, SendsConfigFramesAndPointsAsTheProtocolSays) {
+  std::vector<std::string> seen;
+  FakeService service([&seen](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    while (stream.Read(&request)) {
+      seen.push_back(request.ShortDebugString());
+      if (request.has_config()) stream.Write(Accepted());
+    }
+    stream.Write(Summary(1));
+    return grpc::Status::OK;
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  SessionConfig config;
+  config.hop_frames = 4;
+  config.points = {{7, 1, 2}};
+  auto stream = (*tracker)->Open(config, recorder);
+  ASSERT_TRUE(stream.ok());
+  Frame frame = FrameOf(0);
+  frame.points = {{8, 3, 4}};
+  EXPECT_TRUE((*stream)->PushFrame(frame).ok());
+  EXPECT_TRUE((*stream)->AddPoints({{9, 5, 6}}).ok());
+  EXPECT_TRUE((*stream)->RemovePoints({7, 8}).ok());
+  EXPECT_TRUE((*stream)->Finish().ok());
+  EXPECT_THAT(seen, ElementsAre("config { encoding: FRAME_ENCODING_JPEG hop_frames: 4 points { id: 7 x: 1 y: 2 } }",
+                                "frame { data: \"fff\" points { id: 8 x: 3 y: 4 } }",
+                                "add_points { points { id: 9 x: 5 y: 6 } }", "remove_points { ids: 7 ids: 8 }"));
+}
+
+TEST(RemoteTrackerTest, ARefusedSessionKeepsTheDetailsOfItsStatus) {
+  FakeService service([](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    return ToGrpcStatus(InvalidFieldError("config.hop_frames", "is 99, expected 1..23"));
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  const auto stream = (*tracker)->Open({}, recorder);
+  EXPECT_EQ(stream.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(stream.status().message()), HasSubstr(service.address()));
+  ASSERT_EQ(FieldViolations(stream.status()).size(), 1u);
+  EXPECT_EQ(FieldViolations(stream.status())[0].field, "config.hop_frames");
+  EXPECT_EQ(recorder.done, stream.status());
+  EXPECT_EQ(recorder.done_calls, 1);
+}
+
+TEST(RemoteTrackerTest, AnErrorInTheMiddleComesAfterTheEarlierResultsAndStaysWithTheStream) {
+  FakeService service([](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Accepted());
+    stream.Read(&request);
+    stream.Write(Sample(1, 0, 5, 6));
+    v1::TrackResponse warning;
+    warning.mutable_warning()->set_code(3);
+    warning.mutable_warning()->set_message("careful");
+    stream.Write(warning);
+    return ToGrpcStatus(OverloadError("memory", "all used", absl::Seconds(2)));
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  ASSERT_TRUE(stream.ok());
+  EXPECT_TRUE((*stream)->PushFrame(FrameOf(0)).ok());
+  const absl::Status status = (*stream)->Finish();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+  ASSERT_TRUE(OverloadDetails(status).has_value());
+  EXPECT_EQ(OverloadDetails(status)->retry_after, absl::Seconds(2));
+  EXPECT_EQ(recorder.updates.size(), 1u);
+  ASSERT_EQ(recorder.warnings.size(), 1u);
+  EXPECT_EQ(recorder.warnings[0].message(), "careful");
+  EXPECT_EQ((*stream)->Finish(), status);
+}
+
+TEST(RemoteTrackerTest, AMalformedAnswerEndsTheSession) {
+  FakeService service([](grpc::ServerContext& context, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Accepted());
+    v1::TrackResponse bad = Sample(1, 0, 5, 6);
+    bad.mutable_tracks()->mutable_runs(0)->add_x(7);  // one x more than y
+    stream.Write(bad);
+    while (stream.Read(&request)) {
+    }
+    EXPECT_TRUE(context.IsCancelled());
+    return grpc::Status::OK;
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  ASSERT_TRUE(stream.ok());
+  absl::Status status;
+  for (int i = 0; status.ok(); ++i) status = (*stream)->PushFrame(FrameOf(i));
+  EXPECT_EQ(status.code(), absl::StatusCode::kInternal);
+  EXPECT_TRUE(recorder.updates.empty());
+}
+
+TEST(RemoteTrackerTest, AnEndWithoutASummaryIsAnError) {
+  FakeService service([](grpc::ServerContext&, FakeService::Stream& stream) {
+    stream.Write(Accepted());
+    return grpc::Status::OK;
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  const absl::Status status = stream.ok() ? (*stream)->Finish() : stream.status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInternal);
+}
+
+TEST(RemoteTrackerTest, AServerThatDiesMakesTheStreamUnavailable) {
+  FakeService service([](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Accepted());
+    while (stream.Read(&request)) stream.Write(Sample(1, 0, 5, 6));
+    return grpc::Status::OK;
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  ASSERT_TRUE(stream.ok());
+  ASSERT_TRUE((*stream)->PushFrame(FrameOf(0)).ok());
+  recorder.first_update.WaitForNotification();
+  service.Kill();
+  absl::Status status;
+  for (int i = 1; status.ok(); ++i) status = (*stream)->PushFrame(FrameOf(i));
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
+  EXPECT_THAT(std::string(status.message()), HasSubstr("server at " + service.address() + " is unavailable"));
+  EXPECT_EQ((*stream)->Finish(), status);
+  EXPECT_EQ(recorder.updates.size(), 1u);
+}
+
+TEST(RemoteTrackerTest, AnAbsentServerIsNamedInTheError) {
+  std::string address;
+  {
+    FakeService service(EchoFrames);
+    address = service.address();
+  }
+  RemoteTracker::Options options;
+  options.address = address;
+  options.connect_timeout = absl::Milliseconds(50);
+  const auto tracker = RemoteTracker::Connect(options);
+  EXPECT_EQ(tracker.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(tracker.status().message()),
+              HasSubstr("holdfast: server at " + address + " cannot be reached: "));
+  EXPECT_FALSE(ConnectTo("nowhere").ok());
+}
+
+TEST(RemoteTrackerTest, AServerThatNeverAnswersIsGivenUp) {
+  FakeService service([](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    while (stream.Read(&request)) {
+    }
+    return grpc::Status::OK;
+  });
+  RemoteTracker::Options options;
+  options.address = service.address();
+  options.answer_timeout = absl::Milliseconds(20);
+  auto tracker = RemoteTracker::Connect(options);
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  EXPECT_EQ((*tracker)->Open({}, recorder).status().code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_EQ(recorder.done.code(), absl::StatusCode::kCancelled);
+}
+
+TEST(RemoteTrackerTest, ASlowServerSlowsTheWriterInsteadOfFillingItsMemory) {
+  constexpr int kFrames = 64;
+  std::atomic<int> pushed{0};
+  int most_ahead = 0;
+  FakeService service([&](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Accepted());
+    for (int read = 0; stream.Read(&request); ++read) most_ahead = std::max(most_ahead, pushed.load() - read);
+    stream.Write(Summary(kFrames));
+    return grpc::Status::OK;
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  ASSERT_TRUE(stream.ok());
+  for (int i = 0; i < kFrames; ++i, ++pushed) ASSERT_TRUE((*stream)->PushFrame(FrameOf(i, 1 << 20)).ok());
+  EXPECT_TRUE((*stream)->Finish().ok());
+  EXPECT_LT(most_ahead, kFrames / 2);
+}
+
+TEST(RemoteTrackerTest, CancelFreesAWriterThatWaits) {
+  absl::Notification over;
+  FakeService service([&over](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Accepted());
+    over.WaitForNotification();  // never reads a frame
+    return grpc::Status::OK;
+  });
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  ASSERT_TRUE(stream.ok());
+  absl::Notification begun;
+  std::thread canceller([&] {
+    begun.WaitForNotification();
+    (*stream)->Cancel();
+  });
+  absl::Status status;
+  for (int i = 0; status.ok(); ++i) {  // nothing but the cancellation ends it
+    status = (*stream)->PushFrame(FrameOf(i, 1 << 20));
+    if (i == 0) begun.Notify();
+  }
+  EXPECT_EQ(status.code(), absl::StatusCode::kCancelled) << status;
+  canceller.join();
+  over.Notify();
+  EXPECT_EQ((*stream)->Finish().code(), absl::StatusCode::kCancelled);
+}
+
+TEST(RemoteTrackerTest, InfoTellsWhatTheServerRuns) {
+  FakeService service(EchoFrames);
+  service.info.set_model_name("interim");
+  service.info.set_window_frames(24);
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  const auto info = (*tracker)->Info();
+  ASSERT_TRUE(info.ok()) << info.status();
+  EXPECT_EQ(info->model_name, "interim");
+  service.info_status = grpc::Status(grpc::StatusCode::PERMISSION_DENIED, "no");
+  EXPECT_EQ((*tracker)->Info().status().code(), absl::StatusCode::kPermissionDenied);
+}
+
+}  // namespace
+}  // namespace holdfast
