@@ -3,44 +3,33 @@
 // turn, scale and bend under a moving camera. Needs no download.
 #pragma once
 
-#include <cstdint>
 #include <memory>
-#include <string>
 
-#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "training/dataset.h"
+#include "training/synthetic/picture_library.h"
+#include "training/synthetic/synthetic_options.h"
 
 namespace holdfast {
 
-struct SyntheticOptions {
-  size_t count = size_t{1} << 32;  // size() of the data set; clips are made on demand
-  uint64_t seed = 0;               // clip i is a function of (seed, i) and of these options alone
-  int64_t frames = 24;
-  int height = 256;  // pixels
-  int width = 320;   // pixels
-  int64_t points = 64;
-  std::string pictures;            // directory with objects/ and backgrounds/; empty: procedural textures only
-  double picture_share = 0.8;      // of the layers that use pictures, where there are any
-  double motion_strength = 1.0;    // [0, 1]: scales every motion and bend; 0: nothing moves
-  int64_t motion_ramp_clips = 0;   // clip i moves with strength * (start + (1 - start) * min(1, i / ramp)); 0: no ramp
-  double motion_ramp_start = 0.2;  // [0, 1]
-  double still_share = 0.12;       // of the clips that have no motion at all
-  bool photometric = true;         // colour drift, noise, blur, JPEG
-  bool motion_blur = true;
-  bool shadows = true;
-  bool occluders = true;  // layers that come and go in front of all others
-
-  absl::Status Validate() const;
-};
-
 // Thread-safe. Every pixel has a label: 1 is the background, 2 and up are the objects, front to back in no order.
-// Every label is valid; about half of the points start on objects, all are visible in the first frame.
+// About half of the points start on objects, all are visible in the first frame; labels are valid up to 64 pixels
+// outside the frame. A picture that cannot be read is DATA_LOSS.
 // Get() does not use 'rng': shuffling is pointless, and a validation set is just another seed.
 class SyntheticDataset : public Dataset {
  public:
-  // Fails if 'pictures' is given and has no readable picture.
+  // Fails if 'pictures' is given and holds no picture.
   static absl::StatusOr<std::unique_ptr<SyntheticDataset>> Create(const SyntheticOptions& options);
+
+  size_t size() const override { return options_.count; }
+  absl::StatusOr<Sample> Get(size_t index, Rng& rng) const override;
+
+ private:
+  SyntheticDataset(const SyntheticOptions& options, std::unique_ptr<PictureLibrary> library);
+
+  const SyntheticOptions options_;
+  const std::unique_ptr<PictureLibrary> library_;  // null: procedural only
+  const cv::Mat grain_;                            // what sensor noise is cut from
 };
 
 }  // namespace holdfast

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// How the plane of a layer moves and bends, and the maps between plane and image at one moment.
+// Plane coordinates: pixels of the layer's texture from its centre. Image coordinates: pixels of the frame.
+#pragma once
+
+#include <opencv2/core.hpp>
+
+#include <vector>
+
+#include "training/rng.h"
+#include "training/synthetic/curve.h"
+
+namespace holdfast {
+
+// A homography over time: perspective, scale, shear, turn, then shift.
+struct Motion {
+  Curve x, y;              // shift, pixels
+  Curve shake_x, shake_y;  // added to the shift, pixels
+  Curve angle;             // radians
+  Curve log_scale;
+  Curve shear;
+  Curve perspective_x, perspective_y;  // 1 / pixels
+  cv::Point2d home;                    // shift when all curves are 0
+
+  // 'shift' scales x, y and the shake: the parallax of a camera.
+  cv::Matx33d At(double time, double shift = 1) const;
+};
+
+// A sum of plane waves that displace a plane within itself. The bound on the gradients makes it one to one.
+struct ElasticWaves {
+  struct Wave {
+    cv::Point2d direction;  // of the displacement, times its amplitude, pixels
+    cv::Point2d wave;       // radians a pixel
+    double phase = 0;       // radians
+    double speed = 0;       // radians a frame
+  };
+  std::vector<Wave> waves;
+
+  // Sum of amplitude times wave number is at most 'gradient' (< 1); wave lengths are about 'size' pixels.
+  static ElasticWaves Random(Rng& rng, double gradient, double size);
+};
+
+// The maps of one layer at one moment. The forward map is exact, the inverse one is it to 1e-3 pixels of the plane.
+class PlaneMap {
+ public:
+  PlaneMap(const cv::Matx33d& image_from_plane, const ElasticWaves& elastic, double time);
+
+  cv::Point2d ImageFromPlane(cv::Point2d plane) const;
+  cv::Point2d PlaneFromImage(cv::Point2d image) const;
+
+ private:
+  cv::Point2d Displacement(cv::Point2d plane) const;
+
+  cv::Matx33d image_from_plane_;
+  cv::Matx33d plane_from_image_;
+  std::vector<ElasticWaves::Wave> waves_;  // phase holds the time already
+};
+
+}  // namespace holdfast
