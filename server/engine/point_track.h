@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "proto/types.h"
+#include "server/engine/geometry.h"
+#include "server/engine/tracker_model.h"
+#include "server/engine/window.h"
+
+namespace holdfast {
+
+struct PointSeed {
+  PointQuery query;            // the caller's pixels
+  int64_t frame = 0;           // queried at
+  Position position;           // the query in feature pixels
+  std::vector<float> feature;  // [C] f1, kept for ever
+};
+
+// One point from its query to its end: its windows and the estimates that are still of use. Depends on nothing but its
+// own seed and its own windows. Not thread-safe.
+class PointTrack {
+ public:
+  PointTrack(PointSeed seed, const WindowOptions& windows);
+
+  PointId id() const { return seed_.query.id; }
+  // Ends the track early: frames after 'last_frame' are not used any more, and those from 'stop' on not reported.
+  // Windows that are due by 'last_frame' still run, so that what is reported does not depend on the engine's pace.
+  void End(int64_t last_frame, int64_t stop);
+  bool ending() const { return ending_; }
+
+  std::optional<WindowPlan> Due(int64_t newest, bool stream_ended) const;
+  // Borrows from this track.
+  WindowRow Row(const WindowPlan& plan) const;
+  void Apply(const WindowPlan& plan, RowEstimate estimate, const FrameGeometry& geometry);
+  // The estimates stand as they are: all of them become final.
+  void Finalize();
+
+  // What is new since the last call: frames that became final, and with 'provisional' those after them.
+  std::optional<PointRun> TakeRun(bool provisional, const FrameGeometry& geometry);
+
+  // No full window to come needs an older frame.
+  int64_t oldest_frame_needed() const { return schedule_.next_start(); }
+  // Frames of this track before this one are final.
+  int64_t final_before() const { return final_before_; }
+  size_t estimates_kept() const { return estimates_.size(); }
+
+ private:
+  struct Estimate {
+    Position position;
+    float confidence = 1;
+    bool visible = true;
+  };
+  int64_t estimated_before() const { return first_kept_ + static_cast<int64_t>(estimates_.size()); }
+  const Estimate& At(int64_t frame) const { return estimates_[frame - first_kept_]; }
+  Estimate Judge(const RowEstimate& row, int64_t position, const FrameGeometry& geometry) const;
+  void Append(int64_t frame, PointRun& run, const FrameGeometry& geometry) const;
+  void Trim();
+
+  PointSeed seed_;
+  int64_t window_frames_;
+  WindowSchedule schedule_;
+  bool ending_ = false;
+  int64_t last_frame_ = std::numeric_limits<int64_t>::max();
+  int64_t stop_ = std::numeric_limits<int64_t>::max();
+  std::deque<Estimate> estimates_;  // of consecutive frames from first_kept_ on
+  int64_t first_kept_;
+  int64_t final_before_;
+  int64_t sent_before_;  // frames before this one were reported as final
+  CarriedTemplates carried_;
+};
+
+}  // namespace holdfast

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+#include "proto/types.h"
+#include "server/engine/feature_cache.h"
+#include "server/engine/geometry.h"
+#include "server/engine/point_track.h"
+#include "server/engine/tracker_model.h"
+#include "server/engine/window.h"
+
+namespace holdfast {
+
+// A row that is due: one point in one window.
+struct DueRow {
+  PointTrack* track = nullptr;
+  WindowPlan plan;
+};
+
+// The points of one session and the features they need, and nothing else: no threads, no queue, no network. Memory is
+// bounded by the points and the window, whatever the length of the video. Not thread-safe.
+class TrackSet {
+ public:
+  TrackSet(const WindowOptions& windows, bool provisional) : windows_(windows), provisional_(provisional) {}
+
+  // Before the first seed.
+  void SetGeometry(const FrameGeometry& geometry) { geometry_ = geometry; }
+  const FrameGeometry& geometry() const { return geometry_; }
+
+  void AddFrame(FrameFeaturesPtr features) { cache_.Push(std::move(features)); }
+  // A track of this id ends before the seed's frame. REQUIRES: the seed's frame is in the cache.
+  void Seed(PointSeed seed);
+  // The id's track ends after 'frame'. Unknown ids are ignored.
+  void Remove(PointId id, int64_t frame);
+
+  // Rows to run, oldest window first; at most one a point. 'ended': no frame will follow.
+  std::vector<DueRow> Due(bool ended) const;
+  bool AnyDue(bool ended) const;
+  // Input of rows that share a plan. Borrows from their tracks.
+  WindowGroup Group(absl::Span<const DueRow> rows) const;
+  // Takes a row's result; the run to report, if there is one.
+  std::optional<PointRun> Apply(const DueRow& row, RowEstimate estimate);
+
+  // Drops tracks that have ended and whose windows have run; their last runs.
+  std::vector<PointRun> TakeEnded();
+  // Everything becomes final. REQUIRES: !AnyDue(true).
+  std::vector<PointRun> FinishAll();
+  // Forgets the frames that no window to come needs.
+  void Evict();
+
+  const FeatureCache& cache() const { return cache_; }
+  int64_t tracks() const { return static_cast<int64_t>(tracks_.size()); }
+  // Frames before this one are final for every point.
+  int64_t final_before() const;
+
+ private:
+  void EndTrack(PointId id, int64_t last_frame, int64_t stop);
+  // Calls 'visit' for each row that is due until it returns false.
+  template <typename Visit>
+  void VisitDue(bool ended, Visit visit) const;
+
+  const WindowOptions windows_;
+  const bool provisional_;
+  FrameGeometry geometry_;
+  FeatureCache cache_;
+  std::vector<std::unique_ptr<PointTrack>> tracks_;  // in the order they were seeded
+  absl::flat_hash_map<PointId, PointTrack*> live_;   // the tracks that have not been ended
+};
+
+}  // namespace holdfast
