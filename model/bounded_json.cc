@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 
 namespace holdfast {
@@ -33,7 +34,7 @@ class LimitCheck : public nlohmann::json_sax<Json> {
 
   bool key(string_t& name) override {
     if (keys_.back().insert(name).second) return true;
-    problem_ = absl::StrCat("key '", name, "' stands twice");
+    problem_ = absl::StrCat("key '", absl::CHexEscape(name.substr(0, 120)), "' stands twice");
     return false;
   }
 

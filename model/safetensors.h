@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "model/file_io.h"
 
 namespace holdfast {
 
@@ -22,12 +23,10 @@ struct TensorFile {
 // INVALID_ARGUMENT names the tensor and what is wrong: truncated, overlapping, out of bounds, unknown dtype, shape that
 // does not match the bytes, duplicate name. 'bytes' is not needed afterwards.
 absl::StatusOr<TensorFile> ParseSafetensors(absl::string_view bytes);
-// NOT_FOUND / PERMISSION_DENIED / RESOURCE_EXHAUSTED (larger than 'max_bytes') or as ParseSafetensors.
+// As ReadFile or ParseSafetensors.
 absl::StatusOr<TensorFile> ReadSafetensors(const std::string& path, int64_t max_bytes = int64_t{1} << 34);
 absl::StatusOr<std::string> SerializeSafetensors(const TensorFile& file);
-// Atomic: written beside 'path', fsynced, renamed (the directory fsynced too). On an error 'path' is what it was.
+// Atomic, as WriteFileAtomically.
 absl::Status WriteSafetensors(const std::string& path, const TensorFile& file);
-// The atomic write itself, for the other files that belong to a checkpoint.
-absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes);
 
 }  // namespace holdfast
