@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "proto/types.h"
+#include "server/engine/tracker_model.h"
+
+namespace holdfast {
+
+struct FrameFormat {
+  FrameEncoding encoding = FrameEncoding::kJpeg;
+  ImageSize raw_size;      // for raw encodings
+  int64_t max_pixels = 0;  // width x height of a frame
+};
+
+// The size of the picture in 'bytes', from its header or (raw) from the format, at no cost in memory.
+// INVALID_ARGUMENT: no such header, no pixels, too many, or raw bytes of another size.
+absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& format);
+
+// Decodes to RGB, 8 bits a channel, in the orientation it is stored in, and resizes bilinearly to 'processing_size'.
+// Checks FrameSize first. INVALID_ARGUMENT: broken or truncated bytes. Safe to call from several threads.
+absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size);
+
+}  // namespace holdfast
