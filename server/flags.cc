@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/flags.h"
+
+#include <cstdlib>
+#include <vector>
+
+#include "absl/flags/flag.h"
+#include "absl/flags/parse.h"
+#include "absl/flags/reflection.h"
+#include "absl/flags/usage.h"
+#include "absl/flags/usage_config.h"
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+
+ABSL_FLAG(std::string, listen, "[::]:50051", "host:port of the gRPC service; port 0: a free one");
+ABSL_FLAG(std::string, metrics_listen, "0.0.0.0:9464", "host:port of /metrics, /healthz and /readyz over HTTP");
+ABSL_FLAG(std::string, port_file, "", "file to write the bound ports to, once the server is ready");
+ABSL_FLAG(std::string, weights, "",
+          "safetensors file; empty: weights/interim.safetensors if there, else the installed weights");
+ABSL_FLAG(std::string, device, "cpu", "cpu, cuda, cuda:1, ...");
+ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
+ABSL_FLAG(int, compute_threads, 0, "threads of one tensor operation; 0: all cores");
+ABSL_FLAG(int, decode_threads, 1, "threads that decode frames");
+ABSL_FLAG(std::string, processing_size, "512x384", "default WIDTHxHEIGHT that frames are resized to; multiples of 32");
+ABSL_FLAG(int, hop, 8, "default number of new frames between windows");
+ABSL_FLAG(int, iterations, 4, "default number of refinement iterations of a window");
+ABSL_FLAG(int, max_sessions, 16, "sessions at once; further ones are refused");
+ABSL_FLAG(int, max_points, 2048, "points of a session");
+ABSL_FLAG(int, max_frame_mib, 16, "size of one encoded frame, MiB");
+ABSL_FLAG(double, max_frame_megapixels, 8.3, "size of one decoded frame, millions of pixels");
+ABSL_FLAG(int64_t, max_session_frames, 0, "frames of a session; 0: endless");
+ABSL_FLAG(int64_t, cache_mib, 4096, "memory for the features of all sessions, MiB");
+ABSL_FLAG(int, max_batch_rows, 256, "rows (point windows) refined in one batch");
+ABSL_FLAG(int, max_pending_frames, 8, "frames of a session that may wait to be encoded");
+ABSL_FLAG(absl::Duration, first_message_timeout, absl::Seconds(10), "from the start of a stream to its config");
+ABSL_FLAG(absl::Duration, idle_timeout, absl::Minutes(2),
+          "ends a stream whose client neither sends nor reads; inf: never");
+ABSL_FLAG(absl::Duration, grace_period, absl::Seconds(20), "at shutdown, for running sessions to finish by themselves");
+ABSL_FLAG(absl::Duration, keepalive_time, absl::Minutes(2), "between pings to a silent client; inf: none");
+ABSL_FLAG(absl::Duration, max_connection_age, absl::InfiniteDuration(),
+          "a connection takes no new streams after this; inf: for ever");
+ABSL_FLAG(std::string, log_format, "text", "text or json");
+ABSL_FLAG(std::string, log_level, "info", "trace, debug, info, warning, error, critical or off");
+
+namespace holdfast {
+namespace {
+
+bool IsOurs(absl::string_view file) { return absl::EndsWith(file, "server/flags.cc"); }
+
+absl::Status BadFlag(absl::string_view name, absl::string_view value, absl::string_view expected) {
+  return absl::InvalidArgumentError(absl::StrCat(name, " is '", value, "', expected ", expected));
+}
+
+absl::StatusOr<ImageSize> ParseSize(const std::string& text) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, 'x');
+  ImageSize size;
+  if (parts.size() != 2 || !absl::SimpleAtoi(parts[0], &size.width) || !absl::SimpleAtoi(parts[1], &size.height) ||
+      size.width < 1 || size.height < 1) {
+    return BadFlag("processing_size", text, "WIDTHxHEIGHT, for example 512x384");
+  }
+  return size;
+}
+
+absl::StatusOr<Precision> ParsePrecision(const std::string& text) {
+  if (text == "auto") return Precision::kAuto;
+  if (text == "float32") return Precision::kFloat32;
+  if (text == "bfloat16") return Precision::kBFloat16;
+  return BadFlag("precision", text, "auto, float32 or bfloat16");
+}
+
+absl::StatusOr<LogFormat> ParseLogFormat(const std::string& text) {
+  if (text == "text") return LogFormat::kText;
+  if (text == "json") return LogFormat::kJson;
+  return BadFlag("log_format", text, "text or json");
+}
+
+absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
+  EngineOptions options;
+  options.weights_path = absl::GetFlag(FLAGS_weights);
+  if (options.weights_path.empty()) options.weights_path = DefaultWeightsPath();
+  options.device = absl::GetFlag(FLAGS_device);
+  const auto precision = ParsePrecision(absl::GetFlag(FLAGS_precision));
+  if (!precision.ok()) return precision.status();
+  options.precision = *precision;
+  options.compute_threads = absl::GetFlag(FLAGS_compute_threads);
+  options.decode_threads = absl::GetFlag(FLAGS_decode_threads);
+  const auto size = ParseSize(absl::GetFlag(FLAGS_processing_size));
+  if (!size.ok()) return size.status();
+  options.processing_size = *size;
+  options.hop_frames = absl::GetFlag(FLAGS_hop);
+  options.iterations = absl::GetFlag(FLAGS_iterations);
+  options.max_sessions = absl::GetFlag(FLAGS_max_sessions);
+  options.max_batch_rows = absl::GetFlag(FLAGS_max_batch_rows);
+  options.max_pending_frames = absl::GetFlag(FLAGS_max_pending_frames);
+  options.cache_budget_bytes = absl::GetFlag(FLAGS_cache_mib) * (int64_t{1} << 20);
+  options.limits.max_points = absl::GetFlag(FLAGS_max_points);
+  options.limits.max_frame_bytes = int64_t{absl::GetFlag(FLAGS_max_frame_mib)} << 20;
+  options.limits.max_frame_pixels = static_cast<int64_t>(absl::GetFlag(FLAGS_max_frame_megapixels) * 1e6);
+  options.limits.max_frames = absl::GetFlag(FLAGS_max_session_frames);
+  return options;
+}
+
+}  // namespace
+
+absl::Status SetFlagsFromEnvironment(const std::function<const char*(const std::string&)>& getenv) {
+  for (const auto& [name, flag] : absl::GetAllFlags()) {
+    if (!IsOurs(flag->Filename())) continue;
+    const std::string variable = absl::StrCat("HOLDFAST_", absl::AsciiStrToUpper(name));
+    const char* const value = getenv(variable);
+    std::string error;
+    if (value != nullptr && !flag->ParseFrom(value, &error)) {
+      return absl::InvalidArgumentError(absl::StrCat(variable, " is '", value, "': ", error));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<ServerOptions> OptionsFromFlags() {
+  ServerOptions options;
+  auto engine = EngineOptionsFromFlags();
+  if (!engine.ok()) return engine.status();
+  options.engine = *std::move(engine);
+  const auto log_format = ParseLogFormat(absl::GetFlag(FLAGS_log_format));
+  if (!log_format.ok()) return log_format.status();
+  options.log_format = *log_format;
+  options.log_level = absl::GetFlag(FLAGS_log_level);
+  options.listen = absl::GetFlag(FLAGS_listen);
+  options.metrics_listen = absl::GetFlag(FLAGS_metrics_listen);
+  options.port_file = absl::GetFlag(FLAGS_port_file);
+  options.first_message_timeout = absl::GetFlag(FLAGS_first_message_timeout);
+  options.idle_timeout = absl::GetFlag(FLAGS_idle_timeout);
+  options.grace_period = absl::GetFlag(FLAGS_grace_period);
+  options.keepalive_time = absl::GetFlag(FLAGS_keepalive_time);
+  options.max_connection_age = absl::GetFlag(FLAGS_max_connection_age);
+  if (absl::Status status = options.Validate(); !status.ok()) return status;
+  return options;
+}
+
+absl::StatusOr<ServerOptions> ParseOptions(int argc, char** argv) {
+  absl::SetProgramUsageMessage(
+      "Tracks points in streamed video over gRPC. Every flag can also be set by an environment variable, "
+      "HOLDFAST_MAX_SESSIONS for --max_sessions; the command line wins.");
+  absl::FlagsUsageConfig usage;
+  usage.contains_help_flags = IsOurs;
+  usage.contains_helpshort_flags = IsOurs;
+  usage.version_string = [] { return std::string("holdfast-server " HOLDFAST_VERSION "\n"); };
+  absl::SetFlagsUsageConfig(usage);
+  const absl::Status environment =
+      SetFlagsFromEnvironment([](const std::string& name) { return std::getenv(name.c_str()); });
+  if (!environment.ok()) return environment;
+  const std::vector<char*> rest = absl::ParseCommandLine(argc, argv);
+  if (rest.size() > 1) return absl::InvalidArgumentError(absl::StrCat("unexpected argument '", rest[1], "'"));
+  return OptionsFromFlags();
+}
+
+}  // namespace holdfast

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// holdfast-server: flags -> options -> objects -> run. Exit status: 0 after a signal, 1 when it could not start, 2 for
+// wrong flags.
+#include <spdlog/logger.h>
+
+#include <iostream>
+#include <memory>
+
+#include "absl/strings/str_cat.h"
+#include "server/engine/clock.h"
+#include "server/engine/engine.h"
+#include "server/flags.h"
+#include "server/http_endpoint.h"
+#include "server/logging.h"
+#include "server/port_file.h"
+#include "server/prometheus_metrics.h"
+#include "server/server.h"
+#include "server/signals.h"
+
+namespace holdfast {
+namespace {
+
+std::string Describe(const TrackerInfo& info) {
+  return absl::StrCat(info.model_name, " (", info.preset, "), weights ", info.weights_sha256.substr(0, 12), ", ",
+                      info.precision, " on ", info.device);
+}
+
+// Serves until a termination signal.
+absl::Status Run(const ServerOptions& options, const TerminationSignals& signals,
+                 const std::shared_ptr<spdlog::logger>& log) {
+  SystemClock clock;
+  PrometheusMetrics metrics;
+  std::unique_ptr<Engine> engine;  // outlives the server's streams
+  auto server = Server::Start(options, clock, metrics, log);
+  if (!server.ok()) return server.status();
+  auto http = HttpEndpoint::Start(
+      options.metrics_listen,
+      {[&metrics] { return metrics.Text(); }, [&server] { return (*server)->state() == LifecycleState::kServing; }});
+  if (!http.ok()) return http.status();
+  log->info(absl::StrCat("gRPC on port ", (*server)->port(), " (", options.listen, "), HTTP on port ", (*http)->port(),
+                         " (", options.metrics_listen, "); loading the model"));
+
+  auto created = Engine::Create(options.engine, clock, metrics);
+  if (!created.ok()) return created.status();
+  engine = *std::move(created);
+  metrics.ModelLoaded(engine->info());
+  (*server)->Serve(*engine);
+  log->info(absl::StrCat("ready: ", Describe(engine->info())));
+  if (!options.port_file.empty()) {
+    const absl::Status written = WritePortFile(options.port_file, (*server)->port(), (*http)->port());
+    if (!written.ok()) return written;
+  }
+
+  signals.Wait();
+  log->info(absl::StrCat("shutting down; sessions have ", absl::FormatDuration(options.grace_period), " to finish"));
+  (*server)->Drain();
+  log->info("bye");
+  return absl::OkStatus();
+}
+
+int Main(int argc, char** argv) {
+  const absl::StatusOr<ServerOptions> options = ParseOptions(argc, argv);
+  if (!options.ok()) {
+    std::cerr << "holdfast-server: " << options.status().message() << "\n";
+    return 2;
+  }
+  const TerminationSignals signals;
+  const auto log = MakeLogger(options->log_format, options->log_level);
+  const absl::Status status = Run(*options, signals, log);
+  if (!status.ok()) log->error(absl::StrCat("cannot serve: ", status.message()));
+  return status.ok() ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace holdfast
+
+int main(int argc, char** argv) { return holdfast::Main(argc, argv); }

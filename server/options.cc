@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/options.h"
+
+#include <spdlog/common.h>
+
+#include <filesystem>
+#include <initializer_list>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
+namespace holdfast {
+namespace {
+
+constexpr char kSourceTreeWeights[] = "weights/interim.safetensors";
+constexpr char kInstalledWeights[] = "/usr/share/holdfast/weights/default.safetensors";
+
+bool IsLogLevel(const std::string& level) {
+  return level == "off" || spdlog::level::from_str(level) != spdlog::level::off;
+}
+
+}  // namespace
+
+absl::Status ServerOptions::Validate() const {
+  const std::initializer_list<std::pair<absl::string_view, absl::Duration>> durations = {
+      {"first_message_timeout", first_message_timeout},
+      {"idle_timeout", idle_timeout},
+      {"keepalive_time", keepalive_time},
+      {"max_connection_age", max_connection_age}};
+  for (const auto& [name, duration] : durations) {
+    if (duration < absl::Milliseconds(1)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(name, " is ", absl::FormatDuration(duration), ", expected a positive duration or inf"));
+    }
+  }
+  if (grace_period < absl::ZeroDuration()) return absl::InvalidArgumentError("grace_period is negative");
+  if (listen.empty()) return absl::InvalidArgumentError("listen is empty, expected host:port");
+  if (metrics_listen.empty()) return absl::InvalidArgumentError("metrics_listen is empty, expected host:port");
+  if (engine.weights_path.empty()) return absl::InvalidArgumentError("weights is empty, expected a path");
+  if (!IsLogLevel(log_level)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("log_level is '", log_level, "', expected trace, debug, info, warning, error, critical or off"));
+  }
+  return absl::OkStatus();
+}
+
+std::string DefaultWeightsPath() {
+  std::error_code ignored;
+  return std::filesystem::exists(kSourceTreeWeights, ignored) ? kSourceTreeWeights : kInstalledWeights;
+}
+
+}  // namespace holdfast

@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/prometheus_metrics.h"
+
+#include <prometheus/counter.h>
+#include <prometheus/gauge.h>
+#include <prometheus/histogram.h>
+#include <prometheus/registry.h>
+#include <prometheus/text_serializer.h>
+
+#include <iterator>
+#include <sstream>
+#include <utility>
+#include <vector>
+
+#include "server/process_stats.h"
+
+namespace holdfast {
+namespace {
+
+using prometheus::Counter;
+using prometheus::Family;
+using prometheus::Gauge;
+using prometheus::Histogram;
+using prometheus::MetricFamily;
+using prometheus::MetricType;
+using Buckets = Histogram::BucketBoundaries;
+
+Buckets StageBuckets() { return {.0005, .001, .0025, .005, .01, .025, .05, .1, .25, .5, 1, 2.5, 5, 10, 30}; }
+Buckets LatencyBuckets() { return {.01, .025, .05, .1, .25, .5, 1, 2.5, 5, 10, 30, 60}; }
+Buckets CountBuckets() { return {0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024}; }
+
+const char* Name(Stage stage) {
+  switch (stage) {
+    case Stage::kDecode:
+      return "decode";
+    case Stage::kQueue:
+      return "queue";
+    case Stage::kEncode:
+      return "encode";
+    case Stage::kRefine:
+      return "refine";
+    case Stage::kEmit:
+      return "emit";
+  }
+  return "other";
+}
+
+const char* Name(SessionOutcome outcome) {
+  switch (outcome) {
+    case SessionOutcome::kCompleted:
+      return "completed";
+    case SessionOutcome::kFailed:
+      return "failed";
+    case SessionOutcome::kCancelled:
+      return "cancelled";
+  }
+  return "other";
+}
+
+const char* Name(FrameResult result) {
+  switch (result) {
+    case FrameResult::kTracked:
+      return "tracked";
+    case FrameResult::kRejected:
+      return "rejected";
+    case FrameResult::kDropped:
+      return "dropped";
+  }
+  return "other";
+}
+
+const char* Name(RejectReason reason) { return reason == RejectReason::kSessions ? "sessions" : "memory"; }
+
+const char* Name(RefusalReason reason) {
+  switch (reason) {
+    case RefusalReason::kLoading:
+      return "loading";
+    case RefusalReason::kDraining:
+      return "draining";
+    case RefusalReason::kStreams:
+      return "streams";
+  }
+  return "other";
+}
+
+MetricFamily Single(const char* name, const char* help, MetricType type, double value) {
+  prometheus::ClientMetric metric;
+  (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) = value;
+  return {name, help, type, {metric}};
+}
+
+std::vector<MetricFamily> CollectProcess() {
+  const ProcessStats s = ReadProcessStats();
+  return {
+      Single("process_cpu_seconds_total", "User and system CPU time spent.", MetricType::Counter, s.cpu_seconds),
+      Single("process_start_time_seconds", "Start of the process since the epoch.", MetricType::Gauge,
+             s.start_time_seconds),
+      Single("process_resident_memory_bytes", "Resident memory.", MetricType::Gauge,
+             static_cast<double>(s.resident_bytes)),
+      Single("process_virtual_memory_bytes", "Virtual memory.", MetricType::Gauge,
+             static_cast<double>(s.virtual_bytes)),
+      Single("process_open_fds", "Open file descriptors.", MetricType::Gauge, static_cast<double>(s.open_fds)),
+      Single("process_max_fds", "Limit of open file descriptors.", MetricType::Gauge, static_cast<double>(s.max_fds)),
+  };
+}
+
+}  // namespace
+
+struct PrometheusMetrics::Impl {
+  Family<Counter>& AddCounters(const char* name, const char* help) {
+    return prometheus::BuildCounter().Name(name).Help(help).Register(registry);
+  }
+  Gauge& AddGauge(const char* name, const char* help) {
+    return prometheus::BuildGauge().Name(name).Help(help).Register(registry).Add({});
+  }
+  Family<Histogram>& AddHistograms(const char* name, const char* help) {
+    return prometheus::BuildHistogram().Name(name).Help(help).Register(registry);
+  }
+  // Every label value is made at the start, so that rates are right from the first event on.
+  template <typename Enum>
+  static void Prepare(Family<Counter>& family, const char* label, std::initializer_list<Enum> values) {
+    for (const Enum value : values) family.Add({{label, Name(value)}});
+  }
+
+  prometheus::Registry registry;
+  Gauge& sessions_active = AddGauge("holdfast_sessions_active", "Sessions open now.");
+  Family<Counter>& sessions = AddCounters("holdfast_sessions_total", "Sessions that ended, by outcome.");
+  Gauge& points_active = AddGauge("holdfast_points_active", "Points tracked now, over all sessions.");
+  Family<Counter>& frames = AddCounters("holdfast_frames_total", "Frames received, by result.");
+  Family<Histogram>& stages = AddHistograms("holdfast_stage_seconds", "Time a frame or batch spent in a stage.");
+  Histogram& first_latency =
+      AddHistograms("holdfast_frame_latency_seconds", "From a frame's arrival to its first estimate.")
+          .Add({}, LatencyBuckets());
+  Histogram& final_latency =
+      AddHistograms("holdfast_final_latency_seconds", "From a frame's arrival to its final estimate.")
+          .Add({}, LatencyBuckets());
+  Histogram& lag = AddHistograms("holdfast_session_lag_frames", "Frames received but not processed, at each frame.")
+                       .Add({}, CountBuckets());
+  Histogram& batch_rows =
+      AddHistograms("holdfast_batch_rows", "Rows (point windows) of a refinement batch.").Add({}, CountBuckets());
+  Histogram& iterations = AddHistograms("holdfast_refine_iterations", "Iterations of a refinement batch.")
+                              .Add({}, Buckets{1, 2, 3, 4, 6, 8, 12, 16});
+  Family<Counter>& rejected =
+      AddCounters("holdfast_admission_rejected_total", "Streams and sessions refused at the door, by reason.");
+  Gauge& cache_bytes = AddGauge("holdfast_cache_bytes", "Features held now, over all sessions.");
+  Family<Gauge>& model_info =
+      prometheus::BuildGauge().Name("holdfast_model_info").Help("What is loaded; always 1.").Register(registry);
+};
+
+PrometheusMetrics::PrometheusMetrics() : impl_(std::make_unique<Impl>()) {
+  Impl::Prepare(impl_->sessions, "outcome",
+                {SessionOutcome::kCompleted, SessionOutcome::kFailed, SessionOutcome::kCancelled});
+  Impl::Prepare(impl_->frames, "result", {FrameResult::kTracked, FrameResult::kRejected, FrameResult::kDropped});
+  Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory});
+  Impl::Prepare(impl_->rejected, "reason",
+                {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams});
+  for (const Stage stage : {Stage::kDecode, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {
+    impl_->stages.Add({{"stage", Name(stage)}}, StageBuckets());
+  }
+  prometheus::BuildGauge()
+      .Name("holdfast_build_info")
+      .Help("The program's version; always 1.")
+      .Register(impl_->registry)
+      .Add({{"version", HOLDFAST_VERSION}})
+      .Set(1);
+}
+
+PrometheusMetrics::~PrometheusMetrics() = default;
+
+std::string PrometheusMetrics::Text() const {
+  std::vector<MetricFamily> families = impl_->registry.Collect();
+  std::vector<MetricFamily> process = CollectProcess();
+  std::move(process.begin(), process.end(), std::back_inserter(families));
+  std::ostringstream text;
+  prometheus::TextSerializer().Serialize(text, families);
+  return text.str();
+}
+
+void PrometheusMetrics::ModelLoaded(const TrackerInfo& info) {
+  impl_->model_info
+      .Add({{"name", info.model_name},
+            {"preset", info.preset},
+            {"weights_sha256", info.weights_sha256},
+            {"precision", info.precision},
+            {"device", info.device}})
+      .Set(1);
+}
+
+void PrometheusMetrics::SessionOpened() { impl_->sessions_active.Increment(); }
+
+void PrometheusMetrics::SessionClosed(SessionOutcome outcome) {
+  impl_->sessions_active.Decrement();
+  impl_->sessions.Add({{"outcome", Name(outcome)}}).Increment();
+}
+
+void PrometheusMetrics::AdmissionRejected(RejectReason reason) {
+  impl_->rejected.Add({{"reason", Name(reason)}}).Increment();
+}
+
+void PrometheusMetrics::PointsActive(int64_t delta) { impl_->points_active.Increment(static_cast<double>(delta)); }
+
+void PrometheusMetrics::FrameDone(FrameResult result) { impl_->frames.Add({{"result", Name(result)}}).Increment(); }
+
+void PrometheusMetrics::StageTook(Stage stage, absl::Duration duration) {
+  impl_->stages.Add({{"stage", Name(stage)}}, StageBuckets()).Observe(absl::ToDoubleSeconds(duration));
+}
+
+void PrometheusMetrics::FirstEstimate(absl::Duration since_arrival) {
+  impl_->first_latency.Observe(absl::ToDoubleSeconds(since_arrival));
+}
+
+void PrometheusMetrics::FinalEstimate(absl::Duration since_arrival) {
+  impl_->final_latency.Observe(absl::ToDoubleSeconds(since_arrival));
+}
+
+void PrometheusMetrics::SessionLag(int64_t frames) { impl_->lag.Observe(static_cast<double>(frames)); }
+
+void PrometheusMetrics::BatchRefined(int64_t rows, int64_t iterations) {
+  impl_->batch_rows.Observe(static_cast<double>(rows));
+  impl_->iterations.Observe(static_cast<double>(iterations));
+}
+
+void PrometheusMetrics::CacheBytes(int64_t bytes) { impl_->cache_bytes.Set(static_cast<double>(bytes)); }
+
+void PrometheusMetrics::StreamRefused(RefusalReason reason) {
+  impl_->rejected.Add({{"reason", Name(reason)}}).Increment();
+}
+
+}  // namespace holdfast

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <grpcpp/server.h>
+#include <spdlog/logger.h>
+
+#include <memory>
+
+#include "absl/status/statusor.h"
+#include "server/engine/clock.h"
+#include "server/engine/engine.h"
+#include "server/events.h"
+#include "server/lifecycle.h"
+#include "server/options.h"
+#include "server/track_service.h"
+
+namespace holdfast {
+
+// The gRPC side: PointTracking, grpc.health.v1 and reflection on one port. Listens from the start, so that probes get
+// an answer while the model loads, and walks through the Lifecycle; health is SERVING in kServing alone.
+class Server {
+ public:
+  // 'clock' and 'events' must outlive the server.
+  static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options, Clock& clock, ServerEvents& events,
+                                                       std::shared_ptr<spdlog::logger> log);
+  // Cuts off streams that still run.
+  ~Server();
+
+  // kLoading -> kServing. 'engine' must outlive the server.
+  void Serve(Engine& engine);
+  // -> kDraining -> kStopped: lets running sessions finish within the grace period, ends the others, and closes the
+  // port. Blocks until all that is done. Call it once.
+  void Drain();
+
+  LifecycleState state() const { return lifecycle_.state(); }
+  int port() const { return port_; }
+
+ private:
+  Server(const ServerOptions& options, Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log);
+  absl::Status Listen(const ServerOptions& options);
+  void SetHealth(bool serving);
+
+  Lifecycle lifecycle_;
+  int port_ = 0;
+  TrackService service_;
+  std::unique_ptr<grpc::Server> server_;  // last: it uses the service
+};
+
+}  // namespace holdfast

@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/track_reactor.h"
+
+#include <utility>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "proto/convert.h"
+#include "proto/errors.h"
+#include "proto/grpc_status.h"
+
+namespace holdfast {
+namespace {
+
+constexpr size_t kMaxWarnings = 16;  // waiting to be sent; later ones are dropped
+
+bool IsServersFault(const absl::Status& status) {
+  return absl::IsInternal(status) || absl::IsUnknown(status) || absl::IsDataLoss(status);
+}
+
+}  // namespace
+
+TrackReactor::TrackReactor(Deps deps, grpc::CallbackServerContext* context)
+    : deps_(std::move(deps)),
+      started_(deps_.clock.Now()),
+      context_(context),
+      log_(deps_.log),
+      last_activity_(started_) {
+  StartRead(&request_);
+}
+
+EngineSession* TrackReactor::session() {
+  absl::MutexLock lock(&mu_);
+  return session_.get();
+}
+
+void TrackReactor::OnReadDone(bool ok) {
+  EngineSession* session;
+  {
+    absl::MutexLock lock(&mu_);
+    reading_ = false;
+    last_activity_ = deps_.clock.Now();
+    if (input_closed_ || cancelled_ || done_) return;
+    session = session_.get();
+  }
+  if (!ok) return InputEnded(session);
+  const absl::Status status = session == nullptr ? Open() : Apply(*session);
+  if (!status.ok()) return End(status);
+  absl::MutexLock lock(&mu_);
+  MaybeReadLocked();
+}
+
+void TrackReactor::InputEnded(EngineSession* session) {
+  if (session == nullptr) return End(InvalidFieldError("config", "is missing: the stream ended before it came"));
+  {
+    absl::MutexLock lock(&mu_);
+    if (input_closed_) return;
+    input_closed_ = true;
+  }
+  session->Finish();
+}
+
+absl::Status TrackReactor::Open() {
+  if (!request_.has_config()) {
+    return InvalidFieldError("config", "is missing: the first message of a stream has to be the config");
+  }
+  absl::StatusOr<SessionConfig> config = FromProto(request_.config());
+  if (!config.ok()) return config.status();
+  absl::StatusOr<std::unique_ptr<EngineSession>> opened = deps_.engine.OpenSession(*config, *this);
+  if (!opened.ok()) return opened.status();
+
+  EngineSession* late = nullptr;
+  {
+    absl::MutexLock lock(&mu_);
+    session_ = *std::move(opened);
+    accepted_ = session_->accepted();
+    log_ = deps_.log->clone(absl::StrCat(accepted_->session_id, "/", absl::Utf8SafeCHexEscape(config->label)));
+    log_->info(absl::StrCat("session opened with ", config->points.size(), " points"));
+    if (cancelled_ || done_) late = session_.get();
+    MaybeWriteLocked();
+  }
+  if (late != nullptr) late->Cancel();
+  return absl::OkStatus();
+}
+
+absl::Status TrackReactor::Apply(EngineSession& session) {
+  switch (request_.request_case()) {
+    case v1::TrackRequest::kConfig:
+      return InvalidFieldError("config", "came once more; it is sent once, as the first message");
+    case v1::TrackRequest::kFrame:
+      return PushFrame(session);
+    case v1::TrackRequest::kAddPoints: {
+      const auto points = FromProto(request_.add_points());
+      return points.ok() ? session.AddPoints(*points) : points.status();
+    }
+    case v1::TrackRequest::kRemovePoints:
+      return session.RemovePoints(FromProto(request_.remove_points()));
+    case v1::TrackRequest::REQUEST_NOT_SET:
+      break;
+  }
+  return InvalidFieldError("request", "is empty or of an unknown kind");
+}
+
+absl::Status TrackReactor::PushFrame(EngineSession& session) {
+  absl::StatusOr<Frame> frame = FromProto(std::move(*request_.mutable_frame()));
+  if (!frame.ok()) return frame.status();
+  {
+    absl::MutexLock lock(&mu_);
+    full_ = true;  // before the push: OnRoomForFrame may come before the push has returned
+  }
+  const absl::StatusOr<Room> room = session.PushFrame(*std::move(frame));
+  if (!room.ok()) return room.status();
+  if (*room == Room::kAvailable) {
+    absl::MutexLock lock(&mu_);
+    full_ = false;
+  }
+  return absl::OkStatus();
+}
+
+void TrackReactor::OnWriteDone(bool ok) {
+  EngineSession* session;
+  {
+    absl::MutexLock lock(&mu_);
+    writing_ = false;
+    last_activity_ = deps_.clock.Now();
+    if (!ok) cancelled_ = true;
+    MaybeWriteLocked();
+    MaybeReadLocked();
+    session = session_.get();
+  }
+  if (!ok && session != nullptr) session->Cancel();
+}
+
+void TrackReactor::OnCancel() {
+  EngineSession* session;
+  {
+    absl::MutexLock lock(&mu_);
+    cancelled_ = true;
+    session = session_.get();
+    if (session == nullptr && !done_) done_ = absl::CancelledError("the client went away");
+    MaybeWriteLocked();
+  }
+  if (session != nullptr) session->Cancel();
+}
+
+void TrackReactor::OnDone() {
+  {
+    absl::MutexLock lock(&mu_);
+    context_ = nullptr;
+  }
+  deps_.retire(this);
+}
+
+void TrackReactor::OnTracks(TrackUpdate update) {
+  absl::MutexLock lock(&mu_);
+  last_activity_ = deps_.clock.Now();
+  if (cancelled_) return;
+  outbox_.Add(std::move(update));
+  MaybeWriteLocked();
+}
+
+void TrackReactor::OnWarning(const absl::Status& warning) {
+  absl::MutexLock lock(&mu_);
+  log_->warn(absl::StrCat("warning: ", warning.ToString()));
+  if (cancelled_ || warnings_.size() >= kMaxWarnings) return;
+  warnings_.push_back(warning);
+  MaybeWriteLocked();
+}
+
+void TrackReactor::OnRoomForFrame() {
+  absl::MutexLock lock(&mu_);
+  full_ = false;
+  last_activity_ = deps_.clock.Now();
+  MaybeReadLocked();
+}
+
+void TrackReactor::OnDone(const absl::Status& status, const SessionSummary& summary) {
+  absl::MutexLock lock(&mu_);
+  if (!done_) done_ = status;
+  if (done_->ok()) summary_ = summary;
+  MaybeWriteLocked();
+}
+
+void TrackReactor::CheckTime(absl::Time now) {
+  absl::Status late;
+  {
+    absl::MutexLock lock(&mu_);
+    if (finished_ || cancelled_) return;
+    const absl::Duration quiet = now - last_activity_;
+    if (writing_) {
+      if (quiet < deps_.options.idle_timeout) return;
+      log_->info("the client does not read; cutting it off");
+      return AbortLocked();
+    }
+    if (input_closed_ || done_) return;
+    if (session_ == nullptr) {
+      if (now - started_ < deps_.options.first_message_timeout) return;
+      late = absl::DeadlineExceededError("the config did not come in time");
+    } else {
+      if (!reading_ || quiet < deps_.options.idle_timeout) return;
+      late = absl::DeadlineExceededError(
+          absl::StrCat("nothing came for ", absl::FormatDuration(deps_.options.idle_timeout)));
+    }
+  }
+  End(late);
+}
+
+void TrackReactor::End(const absl::Status& status) {
+  EngineSession* session;
+  {
+    absl::MutexLock lock(&mu_);
+    if (input_closed_ || done_) return;  // it is ending already
+    input_closed_ = true;
+    session = session_.get();
+    if (session == nullptr) done_ = status;
+    MaybeWriteLocked();
+  }
+  if (session != nullptr) session->Fail(status);
+}
+
+void TrackReactor::Abort() {
+  absl::MutexLock lock(&mu_);
+  if (!cancelled_) AbortLocked();
+}
+
+void TrackReactor::AbortLocked() {
+  cancelled_ = true;
+  if (context_ != nullptr) context_->TryCancel();  // OnCancel follows, never from within this call
+}
+
+void TrackReactor::MaybeReadLocked() {
+  if (reading_ || full_ || input_closed_ || cancelled_ || done_ || session_ == nullptr) return;
+  if (outbox_.bytes() > deps_.options.max_unsent_bytes) return;
+  reading_ = true;
+  StartRead(&request_);
+}
+
+void TrackReactor::MaybeWriteLocked() {
+  if (writing_ || finished_) return;
+  if (cancelled_ || !NextResponseLocked()) return MaybeFinishLocked();
+  writing_ = true;
+  last_activity_ = deps_.clock.Now();
+  StartWrite(&response_);
+}
+
+// Fills response_ with what has to be sent next; false: nothing waits.
+bool TrackReactor::NextResponseLocked() {
+  if (accepted_) {
+    *response_.mutable_accepted() = ToProto(*accepted_);
+    accepted_.reset();
+  } else if (!warnings_.empty()) {
+    *response_.mutable_warning() = ToRpcStatus(warnings_.front());
+    warnings_.erase(warnings_.begin());
+  } else if (!outbox_.empty()) {
+    *response_.mutable_tracks() = ToProto(outbox_.Take(deps_.options.max_message_bytes));
+  } else if (summary_) {
+    *response_.mutable_summary() = ToProto(*summary_);
+    summary_.reset();
+  } else {
+    return false;
+  }
+  return true;
+}
+
+void TrackReactor::MaybeFinishLocked() {
+  if (finished_ || writing_ || !done_) return;
+  finished_ = true;
+  LogEndLocked();
+  Finish(cancelled_ ? grpc::Status::CANCELLED : ToGrpcStatus(*done_));
+}
+
+void TrackReactor::LogEndLocked() {
+  const auto level = IsServersFault(*done_) ? spdlog::level::err : spdlog::level::info;
+  log_->log(level, absl::StrCat(session_ == nullptr ? "stream" : "session",
+                                " ended: ", absl::StatusCodeToString(done_->code()), " ", done_->message()));
+}
+
+}  // namespace holdfast

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+#include <spdlog/logger.h>
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/time.h"
+#include "holdfast/v1/point_tracking.pb.h"
+#include "server/engine/clock.h"
+#include "server/engine/engine.h"
+#include "server/outbox.h"
+
+namespace holdfast {
+
+struct StreamOptions {
+  absl::Duration first_message_timeout = absl::Seconds(10);  // until the config has come
+  absl::Duration idle_timeout = absl::Minutes(2);            // without a message read by either side
+  int64_t max_unsent_bytes = 1 << 20;                        // of results; beyond it nothing is read from the client
+  int64_t max_message_bytes = 1 << 20;                       // of one Tracks message; clients accept 4 MiB by default
+};
+
+// One Track call: hands what the client sends to an engine session and writes what comes back, one read and one write
+// in flight. Made by TrackService::Track; reactions and engine calls come on any thread. Back-pressure: while the
+// engine has no room, or the client leaves too many results unread, the next read is not started, so HTTP/2 slows the
+// client. Finish() is called once, after the engine session reported its end. After gRPC's OnDone the reactor calls
+// 'retire'; its owner then destroys it on a thread that may block, because the engine session's destructor may.
+class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>,
+                           private SessionListener {
+ public:
+  struct Deps {
+    Engine& engine;
+    Clock& clock;
+    std::shared_ptr<spdlog::logger> log;
+    StreamOptions options;
+    std::function<void(TrackReactor*)> retire;
+  };
+  // 'context' is used until gRPC's OnDone.
+  TrackReactor(Deps deps, grpc::CallbackServerContext* context);
+
+  // Called by the owner now and then: ends a stream whose client keeps it waiting for too long.
+  void CheckTime(absl::Time now) ABSL_LOCKS_EXCLUDED(mu_);
+  // Takes nothing more from the client and ends with 'status' once the results of what was taken are sent.
+  void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mu_);
+  // Ends at once.
+  void Abort() ABSL_LOCKS_EXCLUDED(mu_);
+
+  void OnReadDone(bool ok) override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnWriteDone(bool ok) override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnCancel() override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnDone() override ABSL_LOCKS_EXCLUDED(mu_);
+
+ private:
+  void OnTracks(TrackUpdate update) override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnWarning(const absl::Status& warning) override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnDone(const absl::Status& status, const SessionSummary& summary) override ABSL_LOCKS_EXCLUDED(mu_);
+
+  EngineSession* session() ABSL_LOCKS_EXCLUDED(mu_);
+  void InputEnded(EngineSession* session) ABSL_LOCKS_EXCLUDED(mu_);
+  absl::Status Open() ABSL_LOCKS_EXCLUDED(mu_);
+  absl::Status Apply(EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
+  absl::Status PushFrame(EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
+  void MaybeReadLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+  void MaybeWriteLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+  bool NextResponseLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+  void AbortLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+  void MaybeFinishLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+  void LogEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+
+  const Deps deps_;
+  const absl::Time started_;
+  // The buffers belong to gRPC while a read or a write is in flight.
+  v1::TrackRequest request_;
+  v1::TrackResponse response_;
+
+  // No engine method is called with mu_ held: the engine calls the listener with its own locks held.
+  absl::Mutex mu_;
+  grpc::CallbackServerContext* context_ ABSL_GUARDED_BY(mu_);  // null after gRPC's OnDone
+  std::shared_ptr<spdlog::logger> log_ ABSL_GUARDED_BY(mu_);
+  bool reading_ ABSL_GUARDED_BY(mu_) = true;  // a read is in flight
+  bool writing_ ABSL_GUARDED_BY(mu_) = false;
+  bool full_ ABSL_GUARDED_BY(mu_) = false;          // the engine has no room for a frame
+  bool input_closed_ ABSL_GUARDED_BY(mu_) = false;  // nothing more is taken from the client
+  bool cancelled_ ABSL_GUARDED_BY(mu_) = false;     // nothing can be sent any more
+  bool finished_ ABSL_GUARDED_BY(mu_) = false;
+  absl::Time last_activity_ ABSL_GUARDED_BY(mu_);
+  std::optional<SessionAccepted> accepted_ ABSL_GUARDED_BY(mu_);  // not sent yet
+  std::vector<absl::Status> warnings_ ABSL_GUARDED_BY(mu_);
+  Outbox outbox_ ABSL_GUARDED_BY(mu_);
+  std::optional<SessionSummary> summary_ ABSL_GUARDED_BY(mu_);  // not sent yet
+  std::optional<absl::Status> done_ ABSL_GUARDED_BY(mu_);       // how the stream ends, once that is known
+  // Set once and then kept to the end. Last, so that it is destroyed first: until then the engine uses the rest.
+  std::unique_ptr<EngineSession> session_ ABSL_GUARDED_BY(mu_);
+};
+
+}  // namespace holdfast

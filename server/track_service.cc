@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/track_service.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "proto/convert.h"
+#include "proto/errors.h"
+#include "proto/grpc_status.h"
+
+namespace holdfast {
+namespace {
+
+constexpr absl::Duration kHousekeepingPeriod = absl::Milliseconds(50);
+constexpr absl::Duration kFlushTime = absl::Seconds(10);  // after the grace period: for results to be sent
+constexpr absl::Duration kRetryAfter = absl::Seconds(2);
+
+// Ends a call that was not admitted.
+class RefusedCall final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse> {
+ public:
+  explicit RefusedCall(const absl::Status& status) { Finish(ToGrpcStatus(status)); }
+  void OnDone() override { delete this; }  // owned by the call
+};
+
+}  // namespace
+
+TrackService::TrackService(const Options& options, Clock& clock, ServerEvents& events,
+                           std::shared_ptr<spdlog::logger> log)
+    : options_(options), clock_(clock), events_(events), log_(std::move(log)), housekeeper_([this] { KeepHouse(); }) {}
+
+TrackService::~TrackService() {
+  {
+    absl::MutexLock lock(&mu_);
+    mu_.Await(absl::Condition(this, &TrackService::IdleLocked));
+    stopping_ = true;
+  }
+  housekeeper_.join();
+}
+
+void TrackService::Serve(Engine& engine) {
+  absl::MutexLock lock(&mu_);
+  engine_ = &engine;
+}
+
+void TrackService::Drain() {
+  absl::MutexLock lock(&mu_);
+  drain_began_ = clock_.Now();
+  mu_.Await(absl::Condition(this, &TrackService::IdleLocked));
+}
+
+absl::Status TrackService::AdmitLocked() {
+  if (drain_began_ != absl::InfiniteFuture()) {
+    events_.StreamRefused(RefusalReason::kDraining);
+    return absl::UnavailableError("the server is shutting down");
+  }
+  if (engine_ == nullptr) {
+    events_.StreamRefused(RefusalReason::kLoading);
+    return absl::UnavailableError("the server is still loading its model");
+  }
+  if (alive_ >= options_.max_streams) {
+    events_.StreamRefused(RefusalReason::kStreams);
+    return OverloadError("streams", absl::StrCat("all ", options_.max_streams, " are open"), kRetryAfter);
+  }
+  return absl::OkStatus();
+}
+
+grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* TrackService::Track(
+    grpc::CallbackServerContext* context) {
+  absl::MutexLock lock(&mu_);
+  const absl::Status admitted = AdmitLocked();
+  if (!admitted.ok()) return new RefusedCall(admitted);
+  auto reactor = std::make_unique<TrackReactor>(
+      TrackReactor::Deps{*engine_, clock_, log_, options_.stream, [this](TrackReactor* done) { Retire(done); }},
+      context);
+  TrackReactor* const borrowed = reactor.get();
+  live_.emplace(borrowed, std::move(reactor));
+  ++alive_;
+  return borrowed;
+}
+
+grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContext* context,
+                                                      const v1::GetServerInfoRequest*,
+                                                      v1::GetServerInfoResponse* response) {
+  grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
+  absl::MutexLock lock(&mu_);
+  if (engine_ == nullptr) {
+    reactor->Finish(ToGrpcStatus(absl::UnavailableError("the server is still loading its model")));
+    return reactor;
+  }
+  *response = ToProto(engine_->info());
+  reactor->Finish(grpc::Status::OK);
+  return reactor;
+}
+
+void TrackService::Retire(TrackReactor* reactor) {
+  absl::MutexLock lock(&mu_);
+  retired_.push_back(reactor);
+}
+
+void TrackService::KeepHouse() {
+  while (true) {
+    {
+      absl::MutexLock lock(&mu_);
+      mu_.AwaitWithTimeout(absl::Condition(this, &TrackService::HasWorkLocked), kHousekeepingPeriod);
+      if (stopping_) return;
+    }
+    DestroyRetired();
+    CheckStreams();
+  }
+}
+
+void TrackService::DestroyRetired() {
+  std::vector<std::unique_ptr<TrackReactor>> doomed;
+  {
+    absl::MutexLock lock(&mu_);
+    for (TrackReactor* reactor : retired_) doomed.push_back(std::move(live_.extract(reactor).mapped()));
+    retired_.clear();
+  }
+  const int count = static_cast<int>(doomed.size());
+  doomed.clear();  // may block: an engine session waits for the engine to let go of it
+  absl::MutexLock lock(&mu_);
+  alive_ -= count;
+}
+
+// Only this thread destroys reactors, so that the pointers stay good without the lock.
+void TrackService::CheckStreams() {
+  std::vector<TrackReactor*> streams;
+  absl::Duration draining_for;
+  const absl::Time now = clock_.Now();
+  {
+    absl::MutexLock lock(&mu_);
+    for (const auto& [reactor, owner] : live_) streams.push_back(reactor);
+    draining_for = now - drain_began_;  // minus infinity when there is no drain
+  }
+  for (TrackReactor* stream : streams) {
+    stream->CheckTime(now);
+    if (draining_for >= options_.grace_period) stream->End(absl::UnavailableError("the server is shutting down"));
+    if (draining_for >= options_.grace_period + kFlushTime) stream->Abort();
+  }
+}
+
+}  // namespace holdfast

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <spdlog/logger.h>
+
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/container/flat_hash_map.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/time.h"
+#include "holdfast/v1/point_tracking.grpc.pb.h"
+#include "server/engine/clock.h"
+#include "server/engine/engine.h"
+#include "server/events.h"
+#include "server/track_reactor.h"
+
+namespace holdfast {
+
+// The gRPC service: admits streams, owns their reactors and ends them at a drain. New streams are refused with
+// UNAVAILABLE before Serve and after Drain, with RESOURCE_EXHAUSTED while too many are open. A thread of its own
+// destroys what ended and watches the timeouts. Thread-safe.
+class TrackService final : public v1::PointTracking::CallbackService {
+ public:
+  struct Options {
+    StreamOptions stream;
+    int max_streams = 64;                             // open at once, those without a session included
+    absl::Duration grace_period = absl::Seconds(20);  // of a drain: for sessions to finish by themselves
+  };
+  // 'clock' and 'events' must outlive the service.
+  TrackService(const Options& options, Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log);
+  // Blocks until the last stream is gone. REQUIRES: the gRPC server is shut down.
+  ~TrackService() override;
+
+  // From now on streams are admitted. 'engine' must outlive the service's streams.
+  void Serve(Engine& engine) ABSL_LOCKS_EXCLUDED(mu_);
+  // Refuses new streams and blocks until the last one is gone: running ones may finish within the grace period, then
+  // they are ended with UNAVAILABLE after their results were sent, and at last cut off.
+  void Drain() ABSL_LOCKS_EXCLUDED(mu_);
+
+  grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* Track(grpc::CallbackServerContext* context) override
+      ABSL_LOCKS_EXCLUDED(mu_);
+  grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
+                                          v1::GetServerInfoResponse* response) override ABSL_LOCKS_EXCLUDED(mu_);
+
+ private:
+  absl::Status AdmitLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+  void Retire(TrackReactor* reactor) ABSL_LOCKS_EXCLUDED(mu_);
+  void KeepHouse() ABSL_LOCKS_EXCLUDED(mu_);
+  void DestroyRetired() ABSL_LOCKS_EXCLUDED(mu_);
+  void CheckStreams() ABSL_LOCKS_EXCLUDED(mu_);
+  bool HasWorkLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_) { return !retired_.empty() || stopping_; }
+  bool IdleLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_) { return alive_ == 0; }
+
+  const Options options_;
+  Clock& clock_;
+  ServerEvents& events_;
+  const std::shared_ptr<spdlog::logger> log_;
+
+  absl::Mutex mu_;
+  Engine* engine_ ABSL_GUARDED_BY(mu_) = nullptr;
+  absl::Time drain_began_ ABSL_GUARDED_BY(mu_) = absl::InfiniteFuture();
+  bool stopping_ ABSL_GUARDED_BY(mu_) = false;
+  int alive_ ABSL_GUARDED_BY(mu_) = 0;  // reactors not destroyed yet
+  absl::flat_hash_map<TrackReactor*, std::unique_ptr<TrackReactor>> live_ ABSL_GUARDED_BY(mu_);
+  std::vector<TrackReactor*> retired_ ABSL_GUARDED_BY(mu_);  // of live_; gRPC has let go of them
+  std::thread housekeeper_;
+};
+
+}  // namespace holdfast
