@@ -19,13 +19,6 @@ void AppendMetrics(const Metrics& metrics, std::vector<std::string>& row) {
   for (const MetricColumn& column : MetricColumns()) row.push_back(FormatMetric(metrics.*column.value));
 }
 
-// The sizes at which the sequences were processed: one as a rule, several when a method takes them as they are.
-std::string ProcessingSizes(const Report& report) {
-  std::set<std::string> sizes;
-  for (const SequenceReport& sequence : report.sequences) sizes.insert(FormatSize(sequence.processing_size));
-  return sizes.size() > 3 ? absl::StrCat(sizes.size(), " sizes") : absl::StrJoin(sizes, ",");
-}
-
 Json SizeToJson(ImageSize size) { return {{"width", size.width}, {"height", size.height}}; }
 
 Json MetricsToJson(const Metrics& metrics) {
@@ -58,6 +51,12 @@ Json ReportToJson(const Report& report) {
 }  // namespace
 
 std::string FormatSize(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
+
+std::string ProcessingSizes(const Report& report) {
+  std::set<std::string> sizes;
+  for (const SequenceReport& sequence : report.sequences) sizes.insert(FormatSize(sequence.processing_size));
+  return sizes.size() > 3 ? absl::StrCat(sizes.size(), " sizes") : absl::StrJoin(sizes, ",");
+}
 
 std::string FormatMetric(const std::optional<double>& value) { return value ? absl::StrFormat("%.1f", *value) : "-"; }
 

@@ -42,9 +42,9 @@ std::vector<PublishedResult> MakePaperResults() {
   return results;
 }
 
-std::vector<std::string> MakeRow(const std::string& title, const std::string& who, ImageSize size,
+std::vector<std::string> MakeRow(const std::string& title, const std::string& who, const std::string& size,
                                  const Metrics& metrics) {
-  std::vector<std::string> row = {title, who, FormatSize(size)};
+  std::vector<std::string> row = {title, who, size};
   for (const MetricColumn& column : MetricColumns()) row.push_back(FormatMetric(metrics.*column.value));
   return row;
 }
@@ -78,14 +78,17 @@ std::string FormatSuite(const std::vector<SuiteRow>& rows) {
   std::string notes;
   for (const SuiteRow& row : rows) {
     const PublishedResult& published = row.published;
-    table.push_back(MakeRow(published.title, "paper", published.processing_size, published.published));
-    if (row.ours.ok()) {
-      table.push_back(MakeRow("", "ours", row.ours->sequences[0].processing_size, row.ours->mean));
-      if (!row.ours->skipped.empty()) {
-        absl::StrAppend(&notes, published.title, ": ", row.ours->skipped.size(), " sequences skipped\n");
-      }
-    } else {
+    table.push_back(MakeRow(published.title, "paper", FormatSize(published.processing_size), published.published));
+    if (!row.ours.ok()) {
       absl::StrAppend(&notes, published.title, ": ", row.ours.status().message(), "\n");
+      continue;
+    }
+    for (const Report& report : *row.ours) {
+      table.push_back(
+          MakeRow("", report.method.substr(0, report.method.find(' ')), ProcessingSizes(report), report.mean));
+    }
+    if (!row.ours->front().skipped.empty()) {
+      absl::StrAppend(&notes, published.title, ": ", row.ours->front().skipped.size(), " sequences skipped\n");
     }
   }
   return FormatColumns(table) + notes;

@@ -23,18 +23,19 @@ const std::vector<PublishedResult>& PaperResults();
 
 struct SuiteRow {
   PublishedResult published;
-  absl::StatusOr<Report> ours;  // NOT_FOUND: the data set is absent; otherwise why it could not be evaluated
+  // One a method. NOT_FOUND: the data set is absent; other errors: why it could not be evaluated.
+  absl::StatusOr<std::vector<Report>> ours;
 };
 
 // Evaluates one data set, found in 'folder', at its published processing size.
 using EvaluateFolder =
-    std::function<absl::StatusOr<Report>(const PublishedResult& published, const std::string& folder)>;
+    std::function<absl::StatusOr<std::vector<Report>>(const PublishedResult& published, const std::string& folder)>;
 
 // Every row of 'results' whose folder exists below 'root' is evaluated; the others say where to get the data.
 std::vector<SuiteRow> RunSuite(const std::vector<PublishedResult>& results, const std::string& root,
                                const EvaluateFolder& evaluate);
 
-// The paper's figure and ours, row by row, then a line for each data set without one.
+// The paper's figures and those of our methods, row by row, then a line for each data set without one.
 std::string FormatSuite(const std::vector<SuiteRow>& rows);
 
 }  // namespace holdfast

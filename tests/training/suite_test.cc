@@ -27,12 +27,13 @@ class SuiteTest : public ::testing::Test {
   std::filesystem::path root_;
 };
 
-Report Ours(double delta) {
+std::vector<Report> Ours(double delta) {
   Report report;
+  report.method = "holdfast small (weights abc)";
   report.sequences.resize(1);
   report.sequences[0].processing_size = {896, 512};
   report.mean.delta_avg = delta;
-  return report;
+  return {report};
 }
 
 TEST_F(SuiteTest, KnowsThePapersFigures) {
@@ -59,19 +60,19 @@ TEST_F(SuiteTest, EvaluatesTheDataSetsThatArePresentAndNamesTheOthers) {
   EXPECT_THAT(rows[1].ours, IsOk());
 }
 
-TEST_F(SuiteTest, ShowsOurFiguresUnderThePapers) {
+TEST_F(SuiteTest, ShowsTheMethodsFiguresUnderThePapers) {
   const std::string table =
       FormatSuite({{PaperResults()[1], Ours(12.5)}, {PaperResults()[2], absl::NotFoundError("absent: get it")}});
-  EXPECT_THAT(table, HasSubstr("TAP-Vid-DAVIS   paper    896x512   69.5      -      -    94.6       -   4.8   -   -\n"
-                               "                 ours    896x512   12.5"));
+  EXPECT_THAT(table, HasSubstr("TAP-Vid-DAVIS     paper    896x512   69.5      -      -    94.6       -   4.8   -   -\n"
+                               "               holdfast    896x512   12.5"));
   EXPECT_THAT(table, HasSubstr("\nCroHD: absent: get it\n"));
 }
 
 TEST_F(SuiteTest, SaysHowManySequencesWereSkipped) {
-  Report report = Ours(1);
-  EXPECT_THAT(FormatSuite({{PaperResults()[0], report}}), Not(HasSubstr("skipped")));
-  report.skipped.resize(2);
-  EXPECT_THAT(FormatSuite({{PaperResults()[0], report}}), HasSubstr("PointOdyssey (test): 2 sequences skipped"));
+  std::vector<Report> reports = Ours(1);
+  EXPECT_THAT(FormatSuite({{PaperResults()[0], reports}}), Not(HasSubstr("skipped")));
+  reports[0].skipped.resize(2);
+  EXPECT_THAT(FormatSuite({{PaperResults()[0], reports}}), HasSubstr("PointOdyssey (test): 2 sequences skipped"));
 }
 
 }  // namespace
