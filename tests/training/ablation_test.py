@@ -17,14 +17,14 @@ here=$(dirname "$0")
 echo "$@" >> "$here/calls.txt"
 [ -e "$here/broken" ] && exit 3
 for a in "$@"; do case $a in --out=*) out=${a#--out=} ;; esac; done
-echo "$@" > "$out/best.safetensors"
+echo "$@" > "$out/final.safetensors"
 """
 
 # delta_avg = 10 * seed, and 1 more with attention.
 FAKE_EVAL = """#!/bin/sh
 for a in "$@"; do case $a in --weights=*) w=${a#--weights=} ;; --json=*) j=${a#--json=} ;; esac; done
 seed=$(sed 's/.*--seed=\\([0-9]*\\).*/\\1/' "$w")
-plus=1; grep -q context_blocks=0 "$w" && plus=0
+plus=1; grep -q attention_blocks=0 "$w" && plus=0
 echo '{"reports": [{"mean": {"delta_avg": '$((10 * seed + plus))', "survival_50": 50, "mte": null}}]}' > "$j"
 """
 
@@ -57,8 +57,9 @@ class AblationTest(unittest.TestCase):
         self.assertEqual(self.run_script("--seeds", "1,2").returncode, 0)
         self.assertEqual(len(self.calls()), 14)
         self.assertEqual(len(set(self.calls())), 14)
-        self.assertEqual(sum("--context_blocks=0" in call for call in self.calls()), 4)
+        self.assertEqual(sum("--attention_blocks=0" in call for call in self.calls()), 4)
         self.assertEqual(sum("--alpha=0.05 " in call + " " for call in self.calls()), 2)
+        self.assertTrue(all("--steps=0 --time_budget=30m" in call for call in self.calls()))
 
     def test_tables_show_mean_and_deviation_over_the_seeds(self):
         result = self.run_script("--seeds", "1,2")

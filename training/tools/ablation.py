@@ -37,7 +37,7 @@ class Variant:
 
     def train_flags(self):
         flags = [f"--alpha={self.alpha:g}"]
-        return flags if self.attention else flags + ["--context_blocks=0"]
+        return flags if self.attention else flags + ["--attention_blocks=0"]
 
 
 # (title, label of the row, variant, the paper's figures on PointOdyssey in the order of METRICS; None: not published)
@@ -122,7 +122,8 @@ def train_and_evaluate(args, variant, seed):
         return
     folder.mkdir(parents=True, exist_ok=True)
     train = [args.bin / "holdfast-train", f"--preset={args.preset}", f"--seed={seed}", f"--out={folder}"]
-    train += [f"--steps={args.steps}"] if args.steps else [f"--time_budget={args.time_budget}"]
+    # Without a number of steps the learning rate's schedule follows the time.
+    train += [f"--steps={args.steps}"] + ([] if args.steps else [f"--time_budget={args.time_budget}"])
     print(f"train {variant.name} seed {seed}", flush=True)
     run(train + variant.train_flags() + args.train_flags, folder / "ablation.log")
     evaluate = [args.bin / "holdfast-eval", f"--weights={folder / args.weights_name}", f"--json={result}"]
@@ -219,7 +220,8 @@ def parse(argv):
     parser.add_argument("--eval_seed", type=int, default=1000)
     parser.add_argument("--processing_size", default="512x384")
     parser.add_argument("--eval_flags", type=str.split, default=[], help="more flags of holdfast-eval, in one argument")
-    parser.add_argument("--weights_name", default="best.safetensors", help="of the weights in holdfast-train's --out")
+    parser.add_argument("--weights_name", default="final.safetensors",
+                        help="file in holdfast-train's --out; best.safetensors: by validation, where that took place")
     args = parser.parse_args(own)
     args.train_flags = train_flags
     return args

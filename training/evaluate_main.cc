@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// holdfast-eval: how well weights track, through the engine that serves them, beside a baseline and the paper.
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "flags/program_flags.h"
+#include "model/safetensors.h"
+#include "server/engine/clock.h"
+#include "training/evaluate_flags.h"
+#include "training/evaluator.h"
+#include "training/report.h"
+#include "training/suite.h"
+
+namespace holdfast {
+namespace {
+
+constexpr int kFailure = 1;
+constexpr int kUsageError = 2;
+
+void ShowProgress(size_t index, size_t size) {
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  std::cerr << (terminal ? "\r\033[K" : "") << "sequence " << index + 1 << " of " << size << (terminal ? "" : "\n")
+            << std::flush;
+}
+
+absl::StatusOr<std::vector<Report>> EvaluateData(EvaluationDataOptions data, ImageSize processing_size,
+                                                 EvaluationMethods& methods) {
+  data.crohd_size = processing_size;
+  absl::StatusOr<std::unique_ptr<Dataset>> dataset = OpenEvaluationData(data);
+  if (!dataset.ok()) return dataset.status();
+  absl::StatusOr<std::vector<std::unique_ptr<ClipTracker>>> trackers = methods.At(processing_size);
+  if (!trackers.ok()) return trackers.status();
+  std::vector<ClipTracker*> borrowed;
+  for (const std::unique_ptr<ClipTracker>& tracker : *trackers) borrowed.push_back(tracker.get());
+  EvaluationOptions options;
+  options.progress = ShowProgress;
+  absl::StatusOr<std::vector<Report>> reports = Evaluate(**dataset, borrowed, options, SystemClock());
+  if (isatty(STDERR_FILENO) != 0) std::cerr << "\r\033[K";
+  return reports;
+}
+
+absl::StatusOr<std::vector<Report>> EvaluateSuite(const EvaluateRequest& request, EvaluationMethods& methods) {
+  const auto evaluate = [&](const PublishedResult& published, const std::string& folder) {
+    EvaluationDataOptions data = request.data;
+    data.format = published.format;
+    data.dir = folder;
+    return EvaluateData(data, request.processing_size.empty() ? published.processing_size : request.processing_size,
+                        methods);
+  };
+  const std::vector<SuiteRow> rows = RunSuite(PaperResults(), request.data.dir, evaluate);
+  std::cout << FormatSuite(rows);
+  std::vector<Report> reports;
+  for (const SuiteRow& row : rows) {
+    if (!row.ours.ok()) continue;
+    for (Report report : *row.ours) {
+      report.method = absl::StrCat(row.published.title, ": ", report.method);
+      reports.push_back(std::move(report));
+    }
+  }
+  return reports;
+}
+
+absl::Status Run() {
+  const absl::StatusOr<EvaluateRequest> request = RequestFromFlags();
+  if (!request.ok()) return request.status();
+  absl::StatusOr<std::unique_ptr<EvaluationMethods>> methods = EvaluationMethods::Create(request->methods);
+  if (!methods.ok()) return methods.status();
+  const absl::StatusOr<std::vector<Report>> reports =
+      request->suite ? EvaluateSuite(*request, **methods)
+                     : EvaluateData(request->data, request->processing_size, **methods);
+  if (!reports.ok()) return reports.status();
+  if (!request->suite) {
+    for (const Report& report : *reports) std::cout << FormatReport(report) << "\n";
+  }
+  return request->json.empty() ? absl::OkStatus()
+                               : WriteFileAtomically(request->json, ReportsToJson(*reports, SettingsFromFlags()));
+}
+
+int Main(const std::vector<std::string>& args) {
+  if (std::count(args.begin(), args.end(), "--help") > 0) return std::cout << Usage(), EXIT_SUCCESS;
+  if (std::count(args.begin(), args.end(), "--version") > 0) {
+    return std::cout << "holdfast-eval " HOLDFAST_VERSION "\n", EXIT_SUCCESS;
+  }
+  absl::Status status = SetFlagsFromEnvironment("HOLDFAST_", std::getenv);
+  if (status.ok()) {
+    const absl::StatusOr<std::vector<std::string>> rest = ParseFlags(args);
+    status = !rest.ok()      ? rest.status()
+             : rest->empty() ? Run()
+                             : absl::InvalidArgumentError(absl::StrCat("unexpected argument \"", rest->front(), "\""));
+  }
+  if (status.ok()) return EXIT_SUCCESS;
+  std::cerr << "holdfast-eval: " << status.message() << "\n";
+  return absl::IsInvalidArgument(status) ? kUsageError : kFailure;
+}
+
+}  // namespace
+}  // namespace holdfast
+
+int main(int argc, char** argv) { return holdfast::Main({argv + 1, argv + argc}); }
