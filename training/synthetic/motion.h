@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "training/rng.h"
-#include "training/synthetic/curve.h"
+#include "training/curve.h"
 
 namespace holdfast {
 

@@ -7,7 +7,7 @@
 
 #include "absl/memory/memory.h"
 #include "absl/strings/str_cat.h"
-#include "training/synthetic/photometric.h"
+#include "training/photometric.h"
 #include "training/synthetic/point_choice.h"
 #include "training/synthetic/renderer.h"
 #include "training/synthetic/scene.h"

@@ -7,7 +7,7 @@
 #include <array>
 
 #include "training/rng.h"
-#include "training/synthetic/curve.h"
+#include "training/curve.h"
 
 namespace holdfast {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/synthetic/curve.h"
+#include "training/curve.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/synthetic/photometric.h"
+#include "training/photometric.h"
 
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>

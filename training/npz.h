@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Arrays of NumPy's .npz files. Everything in the file is checked: what is damaged or hostile gives an error.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+namespace holdfast {
+
+struct NpyHeader {
+  char kind = 'f';             // 'f' float, 'i' signed, 'u' unsigned, 'b' bool
+  int64_t item_bytes = 4;      // 1, 2, 4 or 8
+  std::vector<int64_t> shape;  // row-major
+  int64_t values() const;      // product of the shape
+};
+
+// A .npy header from the beginning of 'bytes', and how many bytes it takes. DATA_LOSS for what is not one;
+// UNIMPLEMENTED for arrays that are not little-endian numbers in row-major order.
+absl::StatusOr<NpyHeader> ParseNpyHeader(absl::string_view bytes, size_t* header_bytes);
+
+struct NpyRows {
+  std::vector<int64_t> shape;  // of the array in the file
+  std::vector<float> values;   // of the rows asked for, in that order; all types become float
+};
+
+// An .npz file. Holds no handle between calls; thread-safe.
+class NpzFile {
+ public:
+  // Reads the headers. NOT_FOUND, or DATA_LOSS with the path.
+  static absl::StatusOr<NpzFile> Open(const std::string& path);
+
+  bool Has(absl::string_view name) const;
+  // NOT_FOUND names the array.
+  absl::StatusOr<NpyHeader> Header(absl::string_view name) const;
+  // Rows (indices along the first axis, strictly increasing) of an array, which is unpacked as a stream: memory is
+  // taken for the rows alone.
+  absl::StatusOr<NpyRows> ReadRows(absl::string_view name, const std::vector<int64_t>& rows) const;
+
+ private:
+  struct Entry {
+    std::string name;
+    NpyHeader header;
+    size_t header_bytes;
+  };
+  explicit NpzFile(std::string path) : path_(std::move(path)) {}
+  const Entry* Find(absl::string_view name) const;
+
+  std::string path_;
+  std::vector<Entry> entries_;
+};
+
+}  // namespace holdfast
