@@ -147,6 +147,9 @@ absl::StatusOr<EvaluateRequest> RequestFromFlags() {
   absl::StatusOr<EvaluationDataOptions> data = DataFromFlags();
   if (!data.ok()) return data.status();
   request.data = *std::move(data);
+  if (request.suite && request.data.dir.empty()) {
+    return absl::InvalidArgumentError("--data: --suite needs the directory that holds the data sets");
+  }
   request.json = absl::GetFlag(FLAGS_json);
   return request;
 }

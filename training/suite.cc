@@ -19,24 +19,25 @@ Metrics Published(double delta_avg, double survival_50, double mte) {
 }
 
 std::vector<PublishedResult> MakePaperResults() {
-  std::vector<PublishedResult> results = {{"PointOdyssey (test)",
-                                           "pointodyssey",
-                                           "pointodyssey",
-                                           "https://pointodyssey.com",
-                                           {896, 512},
-                                           Published(32.8, 52.1, 37.6)},
-                                          {"TAP-Vid-DAVIS",
-                                           "tapvid",
-                                           "tapvid_davis",
-                                           "https://storage.googleapis.com/dm-tapnet/tapvid_davis.zip",
-                                           {896, 512},
-                                           Published(69.5, 94.6, 4.8)},
-                                          {"CroHD",
-                                           "crohd",
-                                           "crohd",
-                                           "https://motchallenge.net/data/Head_Tracking_21",
-                                           {1280, 768},
-                                           Published(50.9, 83.0, 13.5)}};
+  std::vector<PublishedResult> results = {
+      {"PointOdyssey (test)",
+       "pointodyssey",
+       "pointodyssey",
+       "https://pointodyssey.com",
+       {896, 512},
+       Published(32.8, 52.1, 37.6)},
+      {"TAP-Vid-DAVIS",
+       "tapvid",
+       "tapvid_davis",
+       "https://storage.googleapis.com/dm-tapnet/tapvid_davis.zip and convert it with training/tools/convert_tapvid.py",
+       {896, 512},
+       Published(69.5, 94.6, 4.8)},
+      {"CroHD",
+       "crohd",
+       "crohd",
+       "https://motchallenge.net/data/Head_Tracking_21",
+       {1280, 768},
+       Published(50.9, 83.0, 13.5)}};
   results[0].published.delta_vis = 36.3;
   results[0].published.delta_occ = 23.7;
   return results;

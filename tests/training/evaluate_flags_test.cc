@@ -45,8 +45,8 @@ TEST_F(EvaluateFlagsTest, PublishedChainingHopsAWholeWindow) {
 }
 
 TEST_F(EvaluateFlagsTest, TheSuiteIteratesAsThePublishedTestsDo) {
-  EXPECT_EQ(Request({"--weights=w", "--suite=paper"})->methods.engine.iterations, 16);
-  EXPECT_EQ(Request({"--weights=w", "--suite=paper", "--iterations=6"})->methods.engine.iterations, 6);
+  EXPECT_EQ(Request({"--weights=w", "--suite=paper", "--data=d"})->methods.engine.iterations, 16);
+  EXPECT_EQ(Request({"--weights=w", "--suite=paper", "--data=d", "--iterations=6"})->methods.engine.iterations, 6);
 }
 
 TEST_F(EvaluateFlagsTest, ReadsSizesAndChoices) {
@@ -64,6 +64,7 @@ TEST_F(EvaluateFlagsTest, RefusesWhatItDoesNotKnowByTheFlagsName) {
   EXPECT_THAT(Request({"--processing_size=", "--baseline=raft"}),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--baseline: expected one of , lk")));
   EXPECT_THAT(Request({"--baseline=", "--suite=kinetics"}), StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(Request({"--suite=paper"}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--data")));
   EXPECT_THAT(Request({"--suite=", "--count=-1"}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--count")));
 }
 
