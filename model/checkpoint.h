@@ -12,9 +12,9 @@
 namespace holdfast {
 
 struct LoadedModel {
-  PointModel model;     // float32, CPU, eval mode
-  std::string name;     // metadata "holdfast.name", or the file's stem
-  std::string sha256;   // of the file, hex
+  PointModel model;    // float32, CPU, eval mode
+  std::string name;    // metadata "holdfast.name", or the file's stem
+  std::string sha256;  // of the file, hex
 };
 
 // Reads a checkpoint and builds the network it describes. Missing, unknown or misshapen parameters are

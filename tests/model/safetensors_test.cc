@@ -8,6 +8,7 @@
 #include <random>
 
 #include "absl/strings/str_cat.h"
+#include "tests/model/mutate.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -205,36 +206,6 @@ TEST(SafetensorsTest, ControlCharactersOfAHostileNameDoNotReachTheMessage) {
   EXPECT_THAT(file, StatusIs(kInvalid, HasSubstr(R"('a\n\x1b[31m')")));
 }
 
-// Changes 'bytes' the way accidents and attackers do: flipped bits, other digits, cut, doubled and moved pieces.
-std::string Mutate(std::string bytes, std::mt19937& random) {
-  const auto below = [&](size_t n) { return n == 0 ? 0 : random() % n; };
-  const size_t header = std::min<size_t>(bytes.size(), 900);  // where most of the structure is
-  for (size_t change = 1 + below(4); change > 0 && !bytes.empty(); --change) {
-    const size_t at = below(below(4) == 0 ? bytes.size() : std::min(header, bytes.size()));
-    switch (below(6)) {
-      case 0:
-        bytes[at] = static_cast<char>(bytes[at] ^ (1 << below(8)));
-        break;
-      case 1:
-        bytes[at] = "0123456789[]{},:\"-e\\"[below(20)];
-        break;
-      case 2:
-        bytes.erase(at, 1 + below(16));
-        break;
-      case 3:
-        bytes.insert(at, bytes.substr(below(bytes.size()), below(64)));
-        break;
-      case 4:
-        bytes.resize(at);
-        break;
-      default:
-        bytes.insert(at, std::to_string(random() * uint64_t{random()}));
-        break;
-    }
-  }
-  return bytes;
-}
-
 // With its length put right, a changed header is not refused at the first check.
 void RepairLength(std::string& bytes) {
   const size_t end = bytes.rfind("}}");
@@ -249,7 +220,7 @@ TEST(SafetensorsFuzzTest, NoCorruptedFileDoesHarm) {
   int refused = 0;
   constexpr int kFiles = 20000;
   for (int i = 0; i < kFiles; ++i) {
-    std::string bytes = Mutate(sound, random);
+    std::string bytes = Mutate(sound, 900, random);
     if (i % 2 == 0) RepairLength(bytes);
     const auto file = ParseSafetensors(bytes);
     if (!file.ok()) {
