@@ -63,6 +63,7 @@ class FakeTracker final : public PointTracker {
       Query(frame.points, frame.index);
       tracker_.frames_.push_back(std::move(frame));
       TrackUpdate update;
+      update.frames_received = update.frames_processed = Frames();
       for (const auto& [id, query] : queries_) update.runs.push_back(Run(query, 1, /*final=*/false));
       observer_.OnTracks(std::move(update));
       return absl::OkStatus();
@@ -77,6 +78,7 @@ class FakeTracker final : public PointTracker {
     }
     absl::Status Finish() override {
       TrackUpdate update;
+      update.frames_received = update.frames_processed = Frames();
       for (const auto& [id, query] : queries_) {
         const int64_t frames = Frames() - query.frame;
         update.runs.push_back(Run(query, frames, /*final=*/true));

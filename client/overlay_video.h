@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "client/overlay.h"
+#include "client/track_table.h"
+#include "client/track_writer.h"
+
+namespace holdfast {
+
+// Makes the overlay video and the still picture while the tracker runs: holds each frame until all its estimates are
+// final, so that memory depends on the tracker's delay and not on the video's length. One thread at a time.
+class OverlayVideo {
+ public:
+  struct Options {
+    std::string video;         // .mp4; empty: none
+    std::string still;         // .png or .jpg; empty: none
+    int64_t still_frame = -1;  // -1, and frames that never come: the last one
+    int trail_frames = 20;
+
+    absl::Status Validate() const;
+    bool wanted() const { return !video.empty() || !still.empty(); }
+  };
+
+  OverlayVideo(Options options, const VideoFacts& video);
+  // A video that was not closed is discarded.
+  ~OverlayVideo();
+
+  // The next frame of the source.
+  absl::Status Add(const cv::Mat& frame);
+  // Paints the frames held that are final in 'table'.
+  absl::Status Paint(const TrackTable& table);
+  // Gives the files their names. Frames that are still held are left out.
+  absl::Status Close();
+
+ private:
+  absl::Status OpenWriter();
+  absl::Status Write(cv::Mat picture);
+
+  const Options options_;
+  const VideoFacts video_;
+  const OverlayPainter painter_;
+  std::deque<std::vector<uint8_t>> held_;  // as JPEG: a tenth of the memory
+  int64_t painted_ = 0;                    // frames
+  std::string temporary_;                  // of the open video
+  cv::VideoWriter writer_;
+  cv::Mat still_;
+};
+
+}  // namespace holdfast

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <ostream>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/interrupt.h"
+#include "client/overlay_video.h"
+#include "client/point_source.h"
+#include "proto/point_tracker.h"
+#include "proto/types.h"
+
+namespace holdfast {
+
+struct TrackOptions {
+  std::string input;  // as FrameSource::Open takes it
+  PointOptions points;
+  std::string out;  // .json, .csv or .npz; empty: none
+  OverlayVideo::Options overlay;
+  int64_t max_frames = 0;  // 0: all
+  int max_side = 0;        // of the frames sent, pixels; 0: as they are
+  int jpeg_quality = 92;
+  ImageSize processing_size;  // empty: the server's default
+  int hop_frames = 0;         // 0: the server's default
+  int iterations = 0;         // 0: the server's default
+
+  // What is wrong with the call itself, before any file is opened.
+  absl::Status Validate() const;
+};
+
+// What a run needs from outside.
+struct TrackEnvironment {
+  // Called once the input and the points are known to be good.
+  std::function<absl::StatusOr<std::unique_ptr<PointTracker>>()> connect;
+  StopSignal& stop;   // cancels the session; what is final is still written
+  std::ostream& log;  // progress and what was written
+  bool terminal;      // whether 'log' is one
+};
+
+// Tracks the points through the input and writes the files. Results that became final before an error are written too.
+// REQUIRES: options.Validate() is OK.
+absl::Status RunTrack(const TrackOptions& options, const TrackEnvironment& environment);
+
+}  // namespace holdfast

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/track_writer.h"
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/atomic_file.h"
+#include "client/npz.h"
+
+namespace holdfast {
+namespace {
+
+using nlohmann::json;
+
+// A thousandth of a pixel is far below what tracking can tell.
+double Rounded(float value) { return std::round(static_cast<double>(value) * 1000) / 1000; }
+
+json PointToJson(const PointTrack& track) {
+  json frames = json::array(), xy = json::array(), visible = json::array(), confidence = json::array();
+  for (size_t i = 0; i < track.samples.size(); ++i) {
+    const TrackSample& sample = track.samples[i];
+    if (!sample.is_final()) continue;
+    frames.push_back(track.start.frame + static_cast<int64_t>(i));
+    xy.push_back({Rounded(sample.x), Rounded(sample.y)});
+    visible.push_back(sample.visible);
+    confidence.push_back(Rounded(sample.confidence));
+  }
+  return {{"id", track.start.query.id}, {"name", track.start.name},      {"frames", std::move(frames)},
+          {"xy", std::move(xy)},        {"visible", std::move(visible)}, {"confidence", std::move(confidence)}};
+}
+
+// Point by point, so that the tree of values never holds a whole video.
+void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& video) {
+  out << absl::StrFormat("{\"width\": %d, \"height\": %d, \"fps\": %g, \"frames\": %d, \"points\": [", video.size.width,
+                         video.size.height, video.fps, table.frames());
+  const char* separator = "\n";
+  for (const PointTrack& track : table.tracks()) {
+    out << separator << PointToJson(track).dump(-1, ' ', false, json::error_handler_t::replace);
+    separator = ",\n";
+  }
+  out << "\n]}\n";
+}
+
+void WriteCsv(std::ostream& out, const TrackTable& table) {
+  out << "id,frame,x,y,visible,confidence\n";
+  for (const PointTrack& track : table.tracks()) {
+    for (size_t i = 0; i < track.samples.size(); ++i) {
+      const TrackSample& s = track.samples[i];
+      if (!s.is_final()) continue;
+      out << absl::StrFormat("%d,%d,%.3f,%.3f,%d,%.3f\n", track.start.query.id,
+                             track.start.frame + static_cast<int64_t>(i), s.x, s.y, s.visible ? 1 : 0, s.confidence);
+    }
+  }
+}
+
+// Arrays over points and frames; T is the number of frames.
+class Arrays {
+ public:
+  explicit Arrays(const TrackTable& table)
+      : shape_{static_cast<int64_t>(table.tracks().size()), table.frames()},
+        xy_(shape_[0] * shape_[1] * 2, std::numeric_limits<float>::quiet_NaN()),
+        confidence_(shape_[0] * shape_[1], 0.0f),
+        visible_(shape_[0] * shape_[1], '\0') {
+    for (size_t n = 0; n < table.tracks().size(); ++n) Fill(table.tracks()[n], static_cast<int64_t>(n) * shape_[1]);
+  }
+
+  absl::Status Write(const std::string& path) const {
+    const auto bytes = [](const auto& values) {
+      return absl::string_view(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(values[0]));
+    };
+    return WriteNpz(path, {{"tracks", NpyFile("<f4", {shape_[0], shape_[1], 2}, bytes(xy_))},
+                           {"visible", NpyFile("|b1", shape_, bytes(visible_))},
+                           {"confidence", NpyFile("<f4", shape_, bytes(confidence_))},
+                           {"ids", NpyFile("<i8", {shape_[0]}, bytes(ids_))}});
+  }
+
+ private:
+  void Fill(const PointTrack& track, int64_t row) {
+    ids_.push_back(static_cast<int64_t>(track.start.query.id));
+    for (size_t i = 0; i < track.samples.size(); ++i) {
+      const TrackSample& sample = track.samples[i];
+      if (!sample.is_final()) continue;
+      const int64_t at = row + track.start.frame + static_cast<int64_t>(i);
+      xy_[2 * at] = sample.x;
+      xy_[2 * at + 1] = sample.y;
+      confidence_[at] = sample.confidence;
+      visible_[at] = sample.visible ? 1 : 0;
+    }
+  }
+
+  const std::vector<int64_t> shape_;
+  std::vector<float> xy_;
+  std::vector<float> confidence_;
+  std::string visible_;
+  std::vector<int64_t> ids_;
+};
+
+absl::Status WriteText(const std::string& path, TrackFormat format, const TrackTable& table, const VideoFacts& video) {
+  std::ofstream out(path, std::ios::binary);
+  if (format == TrackFormat::kJson) {
+    WriteJson(out, table, video);
+  } else {
+    WriteCsv(out, table);
+  }
+  out.close();
+  return out ? absl::OkStatus() : absl::InternalError("cannot be written");
+}
+
+}  // namespace
+
+absl::StatusOr<TrackFormat> TrackFormatOf(absl::string_view path) {
+  if (absl::EndsWithIgnoreCase(path, ".json")) return TrackFormat::kJson;
+  if (absl::EndsWithIgnoreCase(path, ".csv")) return TrackFormat::kCsv;
+  if (absl::EndsWithIgnoreCase(path, ".npz")) return TrackFormat::kNpz;
+  return absl::InvalidArgumentError(absl::StrCat(path, ": track files end in .json, .csv or .npz"));
+}
+
+absl::Status WriteTracks(const std::string& path, const TrackTable& table, const VideoFacts& video) {
+  const absl::StatusOr<TrackFormat> format = TrackFormatOf(path);
+  if (!format.ok()) return format.status();
+  return WriteAtomically(path, [&](const std::string& temporary) {
+    if (*format == TrackFormat::kNpz) return Arrays(table).Write(temporary);
+    return WriteText(temporary, *format, table, video);
+  });
+}
+
+}  // namespace holdfast
