@@ -2,10 +2,11 @@
 // The residual network `fnet`: a picture to features at an eighth of its size.
 #pragma once
 
-#include <torch/nn/modules/container/modulelist.h>
 #include <torch/nn/modules/container/sequential.h>
 #include <torch/nn/modules/conv.h>
 #include <torch/types.h>
+
+#include <vector>
 
 #include "model/options.h"
 
@@ -21,7 +22,7 @@ class EncoderBlockImpl : public torch::nn::Module {
  private:
   torch::nn::Conv2d conv1_{nullptr};
   torch::nn::Conv2d conv2_{nullptr};
-  torch::nn::Sequential downsample_{nullptr};  // null when the stride is 1
+  torch::nn::Conv2d shortcut_{nullptr};  // `downsample.0`; null when the stride is 1
 };
 TORCH_MODULE(EncoderBlock);
 

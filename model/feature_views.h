@@ -31,15 +31,17 @@ PyramidCells JoinPyramids(const std::vector<FeaturePyramid>& frames);
 struct FeatureViews {
   std::vector<MapView> maps;           // [windows, S, L]
   std::vector<int64_t> window_of_row;  // [N]
-  int64_t frames = 0;                  // S
-  int64_t levels = 0;                  // L
-  int64_t channels = 0;                // C
+  int64_t windows = 0;
+  int64_t frames = 0;    // S
+  int64_t levels = 0;    // L
+  int64_t channels = 0;  // C
   torch::ScalarType dtype = torch::kFloat32;
 
   // Appends a window and its 'rows'. REQUIRES: same S, L, C and dtype as the windows before.
   void Add(const std::vector<FeaturePyramid>& window, int64_t rows);
   void Add(const PyramidCells& window, int64_t rows);
   int64_t rows() const { return static_cast<int64_t>(window_of_row.size()); }
+  RowMaps row_maps() const;
 };
 
 }  // namespace holdfast

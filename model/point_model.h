@@ -4,6 +4,7 @@
 #pragma once
 
 #include <torch/nn/module.h>
+#include <torch/nn/modules/normalization.h>
 #include <torch/types.h>
 
 #include <vector>
@@ -69,6 +70,8 @@ class PointModelImpl : public torch::nn::Module {
   int64_t ParameterCount() const;
 
  private:
+  torch::Tensor EncodeBatch(const torch::Tensor& frames);
+
   ModelOptions options_;
   Encoder fnet_{nullptr};
   ContextualAttention context_{nullptr};  // null when options.context_blocks == 0

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "model/point_model.h"
+
+#include <torch/torch.h>
+
+#include "model/correlation.h"
+#include "model/feature_views.h"
+#include "model/refinement.h"
+#include "model/sampling.h"
+#include "model/shape_check.h"
+
+namespace holdfast {
+
+PointModelImpl::PointModelImpl(const ModelOptions& options) : options_(options) {
+  fnet_ = register_module("fnet", Encoder(options));
+  if (options.context_blocks > 0) context_ = register_module("context", ContextualAttention(options));
+  delta_block_ = register_module("delta_block", UpdateBlock(options));
+  norm_ = register_module("norm", torch::nn::GroupNorm(torch::nn::GroupNormOptions(1, options.feature_channels)));
+}
+
+torch::Tensor PointModelImpl::EncodeBatch(const torch::Tensor& frames) {
+  const torch::Tensor& weight = norm_->weight;
+  const torch::Tensor pictures = frames.to(weight.device()).permute({0, 3, 1, 2}).to(torch::kFloat32);
+  const torch::Tensor map = fnet_->forward((pictures / 255.0 * 2.0 - 1.0).to(weight.scalar_type()));
+  return context_.is_empty() ? map : context_->forward(map);
+}
+
+torch::Tensor PointModelImpl::Encode(const torch::Tensor& frames) {
+  CheckTensor("frames", frames, {-1, -1, -1, 3}, torch::kUInt8);
+  TORCH_CHECK(frames.size(0) > 0 && frames.size(1) >= options_.stride && frames.size(1) % options_.stride == 0 &&
+                  frames.size(2) >= options_.stride && frames.size(2) % options_.stride == 0,
+              "frames: sides must be multiples of ", options_.stride, ", got ", frames.sizes());
+  if (torch::GradMode::is_enabled() || !norm_->weight.device().is_cpu()) return EncodeBatch(frames);
+  // One by one on the CPU: the same numbers whatever the batch, memory for one, and better use of the caches.
+  std::vector<torch::Tensor> maps;
+  for (int64_t f = 0; f < frames.size(0); ++f) maps.push_back(EncodeBatch(frames.narrow(0, f, 1)));
+  return maps.size() == 1 ? maps.front() : torch::cat(maps, 0);
+}
+
+std::vector<WindowEstimate> PointModelImpl::Refine(const std::vector<WindowRows>& groups,
+                                                   const RefineOptions& options) {
+  const c10::InferenceMode guard;
+  CheckWindows(groups, options_);
+  if (groups.empty()) return {};
+  Refinement refinement(groups, options_, norm_->weight.device());
+  for (int64_t k = 0; k < options.iterations; ++k) {
+    refinement.Advance(delta_block_->forward(refinement.Correlations(), refinement.positions()));
+  }
+  return refinement.Estimates(options.keep_templates);
+}
+
+PointModelImpl::Trajectory PointModelImpl::Unroll(const torch::Tensor& maps, const torch::Tensor& start,
+                                                  int64_t iterations) {
+  CheckFloating("maps", maps, {-1, options_.feature_channels, -1, -1});
+  CheckTensor("start", start, {-1, maps.size(0), 2});
+  const PyramidCells window = BuildCells(maps, options_.correlation_levels);
+  torch::Tensor positions = start.detach();
+  const torch::Tensor locked = positions.narrow(1, 0, 1);
+  torch::Tensor sampled = SampleRows(window, positions);
+  const torch::Tensor feature = sampled.narrow(1, 0, 1).expand_as(sampled);
+  Trajectory result;
+  for (int64_t k = 0; k < iterations; ++k) {
+    if (k > 0) sampled = SampleRows(window, positions);
+    const torch::Tensor templates = k == 0 ? feature.unsqueeze(2) : StackTemplates(feature, sampled);
+    const torch::Tensor correlation =
+        JoinTemplates(Correlate(window, templates, positions, options_.correlation_radius));
+    const torch::Tensor out = delta_block_->forward(correlation, positions);
+    result.positions.push_back(positions + out.narrow(2, 0, 2));
+    if (options_.visibility_head) result.visibility_logit = out.select(2, 2);
+    positions = torch::cat({locked, result.positions.back().detach().narrow(1, 1, positions.size(1) - 1)}, 1);
+  }
+  return result;
+}
+
+int64_t PointModelImpl::ParameterCount() const {
+  int64_t count = 0;
+  for (const auto& parameter : parameters()) count += parameter.numel();
+  return count;
+}
+
+}  // namespace holdfast
