@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+
+#include "absl/status/statusor.h"
+#include "training/loader.h"
+#include "training/recipe.h"
+
+namespace holdfast {
+
+// Where a training's clips come from.
+class ClipSource {
+ public:
+  virtual ~ClipSource() = default;
+  // Batches of this process with clips as 'phase' wants them, from batch 'first_batch' on. The loader borrows from the
+  // source: at most one is alive, and it dies first.
+  virtual absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_batch) = 0;
+};
+
+}  // namespace holdfast

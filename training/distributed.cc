@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/distributed.h"
+
+#include <torch/version.h>
+
+#include <exception>
+#include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
+#ifdef USE_C10D_NCCL
+#include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
+#endif
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "training/first_line.h"
+
+namespace holdfast {
+namespace {
+
+#if TORCH_VERSION_MAJOR >= 2
+using Collectives = c10d::Backend;
+#else
+using Collectives = c10d::ProcessGroup;
+#endif
+
+class SingleProcess : public ProcessGroup {
+ public:
+  int64_t rank() const override { return 0; }
+  int64_t world() const override { return 1; }
+  absl::Status Sum(torch::Tensor&) override { return absl::OkStatus(); }
+  absl::Status Broadcast(torch::Tensor&) override { return absl::OkStatus(); }
+};
+
+class C10dGroup : public ProcessGroup {
+ public:
+  C10dGroup(const GroupOptions& options, c10::intrusive_ptr<Collectives> collectives)
+      : options_(options), collectives_(std::move(collectives)) {}
+
+  int64_t rank() const override { return options_.rank; }
+  int64_t world() const override { return options_.world; }
+
+  absl::Status Sum(torch::Tensor& tensor) override {
+    return Exchange([&](std::vector<at::Tensor>& tensors) { return collectives_->allreduce(tensors); }, tensor);
+  }
+  absl::Status Broadcast(torch::Tensor& tensor) override {
+    return Exchange([&](std::vector<at::Tensor>& tensors) { return collectives_->broadcast(tensors); }, tensor);
+  }
+
+ private:
+  template <typename Start>
+  absl::Status Exchange(Start start, torch::Tensor& tensor) {
+    try {
+      std::vector<at::Tensor> tensors = {tensor};
+      start(tensors)->wait();
+      return absl::OkStatus();
+    } catch (const std::exception& e) {
+      return absl::UnavailableError(absl::StrCat("rank ", options_.rank, " of ", options_.world,
+                                                 " lost another process of the job: ", FirstLine(e)));
+    }
+  }
+
+  const GroupOptions options_;
+  const c10::intrusive_ptr<Collectives> collectives_;
+};
+
+c10::intrusive_ptr<c10d::Store> OpenStore(const GroupOptions& options, std::chrono::milliseconds timeout) {
+  c10d::TCPStoreOptions store;
+  store.port = static_cast<uint16_t>(options.port);
+  store.isServer = options.rank == 0;
+  store.numWorkers = static_cast<size_t>(options.world);
+  store.timeout = timeout;
+#if TORCH_VERSION_MAJOR >= 2
+  store.useLibUV = false;  // not every build has it
+#endif
+  return c10::make_intrusive<c10d::TCPStore>(options.address, store);
+}
+
+c10::intrusive_ptr<Collectives> OpenCollectives(const GroupOptions& options, torch::DeviceType device) {
+  const std::chrono::milliseconds timeout = absl::ToChronoMilliseconds(options.timeout);
+  const c10::intrusive_ptr<c10d::Store> store = OpenStore(options, timeout);
+  const int rank = static_cast<int>(options.rank), world = static_cast<int>(options.world);
+#ifdef USE_C10D_NCCL
+  if (device == torch::kCUDA) return c10::make_intrusive<c10d::ProcessGroupNCCL>(store, rank, world);
+#endif
+  TORCH_CHECK(device == torch::kCPU, "this build exchanges gradients on the CPU only");
+  auto gloo = c10d::ProcessGroupGloo::Options::create(timeout);
+  gloo->devices.push_back(c10d::ProcessGroupGloo::createDefaultDevice());
+  return c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, world, gloo);
+}
+
+// The number in variable 'name', or 'fallback' without it.
+absl::Status ReadNumber(const char* name, const char* text, int64_t fallback, int64_t& number) {
+  number = fallback;
+  if (text == nullptr || absl::SimpleAtoi(text, &number)) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(name, " is no number: '", text, "'"));
+}
+
+}  // namespace
+
+absl::Status GroupOptions::Validate() const {
+  if (world < 1) return absl::InvalidArgumentError("WORLD_SIZE must be 1 or more");
+  if (rank < 0 || rank >= world) return absl::InvalidArgumentError("RANK must be in 0 .. WORLD_SIZE - 1");
+  if (world == 1) return absl::OkStatus();
+  if (address.empty()) return absl::InvalidArgumentError("MASTER_ADDR is needed when WORLD_SIZE is above 1");
+  if (port < 1 || port > 65535) return absl::InvalidArgumentError("MASTER_PORT must be in 1 .. 65535");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<const char*(const char*)>& getenv) {
+  GroupOptions options;
+  int64_t port = 0;
+  for (const absl::Status& status : {ReadNumber("RANK", getenv("RANK"), 0, options.rank),
+                                     ReadNumber("WORLD_SIZE", getenv("WORLD_SIZE"), 1, options.world),
+                                     ReadNumber("MASTER_PORT", getenv("MASTER_PORT"), 0, port)}) {
+    if (!status.ok()) return status;
+  }
+  options.port = static_cast<int>(std::min<int64_t>(std::max<int64_t>(port, 0), 65536));
+  if (const char* address = getenv("MASTER_ADDR")) options.address = address;
+  const absl::Status status = options.Validate();
+  if (!status.ok()) return status;
+  return options;
+}
+
+absl::StatusOr<std::unique_ptr<ProcessGroup>> ProcessGroup::Join(const GroupOptions& options,
+                                                                 torch::DeviceType device) {
+  if (const absl::Status status = options.Validate(); !status.ok()) return status;
+  if (options.world == 1) return std::make_unique<SingleProcess>();
+  try {
+    return std::make_unique<C10dGroup>(options, OpenCollectives(options, device));
+  } catch (const std::exception& e) {
+    return absl::UnavailableError(absl::StrCat("rank ", options.rank, " of ", options.world, " could not join at ",
+                                               options.address, ":", options.port, ": ", FirstLine(e)));
+  }
+}
+
+}  // namespace holdfast

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Data-parallel training: several processes that add up their gradients, by LibTorch's own c10d (Gloo; NCCL where it is
+// built with CUDA).
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+
+namespace holdfast {
+
+struct GroupOptions {
+  int64_t rank = 0;
+  int64_t world = 1;                           // processes; 1: no network is touched
+  std::string address;                         // host of rank 0
+  int port = 0;                                // at which rank 0 listens
+  absl::Duration timeout = absl::Minutes(30);  // for the others to join, and for each exchange
+
+  absl::Status Validate() const;
+};
+
+// The variables RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT, as torchrun and Kubernetes operators set them; without
+// WORLD_SIZE a single process. 'getenv' is as std::getenv. INVALID_ARGUMENT names the variable.
+absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<const char*(const char*)>& getenv);
+
+// The processes of one job. Every process calls the same methods in the same order; one thread. A process that died
+// makes them fail with UNAVAILABLE, after which the group is of no more use.
+class ProcessGroup {
+ public:
+  // Blocks until all processes have joined or the time is up.
+  static absl::StatusOr<std::unique_ptr<ProcessGroup>> Join(const GroupOptions& options, torch::DeviceType device);
+  virtual ~ProcessGroup() = default;
+
+  virtual int64_t rank() const = 0;
+  virtual int64_t world() const = 0;
+  // Replaces 'tensor' by the sum over all processes; the same bits everywhere.
+  virtual absl::Status Sum(torch::Tensor& tensor) = 0;
+  // Replaces 'tensor' by that of rank 0.
+  virtual absl::Status Broadcast(torch::Tensor& tensor) = 0;
+};
+
+}  // namespace holdfast

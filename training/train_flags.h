@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The flags of holdfast-train and what they ask for.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "model/options.h"
+#include "training/trainer.h"
+#include "training/training_data.h"
+
+namespace holdfast {
+
+struct TrainRequest {
+  ModelOptions network;
+  TrainerOptions trainer;  // 'device' as well
+  TrainingDataOptions data;
+  TrainingDataOptions validation_data;
+  int64_t validation_clips = 0;
+  int64_t validation_iterations = 4;
+  std::string init;             // checkpoint to start from; empty: random weights
+  std::string metrics_address;  // host:port; empty: none
+  int64_t log_every = 20;       // steps between plain lines
+  int workers = 1;
+  int threads = 0;  // 0: LibTorch's choice
+};
+
+// From the values the flags have now. INVALID_ARGUMENT names the flag.
+absl::StatusOr<TrainRequest> TrainRequestFromFlags();
+
+// "0.7:256x192:64:3,1:320x256:64:4": until:WIDTHxHEIGHT:points:iterations of each phase.
+absl::StatusOr<std::vector<Phase>> ParsePhases(const std::string& text);
+
+// What --help prints.
+std::string TrainUsage();
+
+}  // namespace holdfast

@@ -1,0 +1,340 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/trainer.h"
+
+#include <torch/optim/adamw.h>
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "model/checkpoint.h"
+#include "training/clip_step.h"
+#include "training/first_line.h"
+#include "training/gradient.h"
+#include "training/optimizer_archive.h"
+#include "training/schedule.h"
+#include "training/training_checkpoint.h"
+#include "training/weight_average.h"
+#include "training/working_network.h"
+
+namespace holdfast {
+namespace {
+
+// What travels with the gradients, as sums over processes.
+enum Extra { kTotal, kDistance, kObjectness, kVisibility, kMatching, kStop, kProgress, kExtraCount };
+
+void AddTimes(const StepTimes& times, StepTimes& sum) {
+  sum.encode += times.encode;
+  sum.refine += times.refine;
+  sum.backward += times.backward;
+}
+
+void AddLoss(const LossValues& loss, std::vector<double>& extra) {
+  extra[kTotal] += loss.total;
+  extra[kDistance] += loss.distance;
+  extra[kObjectness] += loss.objectness;
+  extra[kVisibility] += loss.visibility;
+  extra[kMatching] += loss.matching;
+}
+
+torch::optim::AdamWOptions OptimizerOptions(const Recipe& recipe) {
+  return torch::optim::AdamWOptions(recipe.schedule.peak_rate).weight_decay(recipe.weight_decay);
+}
+
+class TrainerImpl : public Trainer {
+ public:
+  TrainerImpl(const TrainerOptions& options, const TrainerParts& parts)
+      : options_(options),
+        parts_(parts),
+        working_(parts.model, options.recipe.bfloat16 ? torch::kBFloat16 : torch::kFloat32),
+        average_(*parts.model, options.recipe.average_decay),
+        optimizer_(parts.model->parameters(), OptimizerOptions(options.recipe)) {
+    state_.seed = options.seed;
+    state_.recipe = Describe(options.recipe);
+  }
+
+  absl::Status Resume();
+  absl::Status AgreeOnStart();
+  absl::StatusOr<TrainingSummary> Run() override;
+
+ private:
+  const Recipe& recipe() const { return options_.recipe; }
+  bool leads() const { return parts_.group->rank() == 0; }
+  bool Done() const { return state_.progress >= 1; }
+  absl::Duration Elapsed() const { return elapsed_before_ + (parts_.clock->Now() - run_began_); }
+
+  absl::Status Loop();
+  absl::Status Step();
+  absl::Status OpenLoader();
+  absl::Status AddBatch(StepReport& report, std::vector<double>& extra);
+  absl::Status Update(StepReport& report, std::vector<double>& extra);
+  absl::Status Guard(bool finite);
+  void Finish(StepReport& report, const std::vector<double>& extra);
+  double ProgressAfterStep() const;
+  absl::Status Validate();
+  absl::Status Checkpoint();
+  absl::Status SaveAverage(const std::string& name);
+
+  const TrainerOptions options_;
+  TrainerParts parts_;
+  WorkingNetwork working_;
+  WeightAverage average_;
+  torch::optim::AdamW optimizer_;
+  TrainingState state_;  // but for the optimizer and the average, which are filled in when it is saved
+  std::unique_ptr<Loader> loader_;
+  const Phase* phase_ = nullptr;  // of the loader
+  absl::Time run_began_;
+  absl::Duration elapsed_before_;  // in earlier runs
+  int64_t skipped_in_row_ = 0;
+  int64_t skipped_samples_ = 0;  // of loaders closed before
+  bool stop_ = false;
+};
+
+absl::Status TrainerImpl::Resume() {
+  absl::StatusOr<std::optional<TrainingCheckpoint>> found = FindTrainingCheckpoint(options_.directory);
+  if (!found.ok()) return found.status();
+  if (!found->has_value()) return absl::OkStatus();
+  TrainingCheckpoint& checkpoint = **found;
+  if (checkpoint.state.recipe != state_.recipe || checkpoint.state.seed != state_.seed) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(checkpoint.path, " was made by another recipe: it has seed=", checkpoint.state.seed, " ",
+                     checkpoint.state.recipe, "; wanted is seed=", state_.seed, " ", state_.recipe));
+  }
+  absl::Status status = CopyParameters(checkpoint.weights, *parts_.model);
+  if (!status.ok()) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(checkpoint.path, " was made for another network: ", status.message()));
+  }
+  status = LoadOptimizer(checkpoint.state.optimizer, optimizer_);
+  if (status.ok()) status = average_.Restore(checkpoint.state.average, checkpoint.state.average_updates);
+  if (!status.ok()) return absl::DataLossError(absl::StrCat(checkpoint.path, ": ", status.message()));
+  state_ = std::move(checkpoint.state);
+  working_.Refresh();
+  if (leads()) {
+    if (!checkpoint.skipped.empty()) parts_.observer->Notice(absl::StrCat("passed over: ", checkpoint.skipped));
+    parts_.observer->Notice(absl::StrCat("going on from step ", state_.step, " (", checkpoint.path, ")"));
+  }
+  return absl::OkStatus();
+}
+
+// Every process must be at the same step with the same weights.
+absl::Status TrainerImpl::AgreeOnStart() {
+  torch::NoGradGuard no_grad;
+  const double mine = static_cast<double>(state_.step);
+  torch::Tensor step = torch::full({1}, mine, torch::TensorOptions(torch::kFloat64).device(options_.device));
+  absl::Status status = parts_.group->Broadcast(step);
+  for (torch::Tensor parameter : parts_.model->parameters()) {
+    if (!status.ok()) return status;
+    torch::Tensor values = parameter.detach();
+    status = parts_.group->Broadcast(values);
+  }
+  if (!status.ok()) return status;
+  working_.Refresh();
+  if (step.item<double>() == mine) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrCat("rank ", parts_.group->rank(), " is at step ", state_.step,
+                                                    ", rank 0 at ", step.item<double>(),
+                                                    ": all must see the same directory"));
+}
+
+absl::StatusOr<TrainingSummary> TrainerImpl::Run() {
+  run_began_ = parts_.clock->Now();
+  elapsed_before_ = state_.elapsed;
+  try {
+    absl::Status status = Loop();
+    if (status.ok()) status = Checkpoint();
+    if (status.ok() && Done() && leads()) status = SaveAverage("final.safetensors");
+    if (!status.ok()) return status;
+  } catch (const std::exception& e) {
+    return absl::InternalError(absl::StrCat("at step ", state_.step + 1, ": ", FirstLine(e)));
+  }
+  return TrainingSummary{Done() ? StopReason::kFinished : StopReason::kAsked, state_.step, state_.best};
+}
+
+absl::Status TrainerImpl::Loop() {
+  const auto is_due = [&](int64_t every) { return every > 0 && state_.step % every == 0; };
+  absl::Status status = state_.step == 0 ? Validate() : absl::OkStatus();
+  while (status.ok() && !Done() && !stop_) {
+    status = Step();
+    if (status.ok() && (is_due(options_.validate_every) || Done())) status = Validate();
+    if (status.ok() && is_due(options_.checkpoint_every)) status = Checkpoint();
+  }
+  return status;
+}
+
+absl::Status TrainerImpl::OpenLoader() {
+  const Phase* phase = &recipe().PhaseAt(state_.progress);
+  if (phase == phase_) return absl::OkStatus();
+  if (loader_ != nullptr) skipped_samples_ += loader_->skipped();
+  loader_.reset();
+  absl::StatusOr<std::unique_ptr<Loader>> loader = parts_.clips->Open(*phase, state_.next_batch);
+  if (!loader.ok()) return loader.status();
+  loader_ = *std::move(loader);
+  phase_ = phase;
+  return absl::OkStatus();
+}
+
+absl::Status TrainerImpl::Step() {
+  StepReport report;
+  report.learning_rate = LearningRate(recipe().schedule, state_.progress);
+  static_cast<torch::optim::AdamWOptions&>(optimizer_.param_groups()[0].options()).lr(report.learning_rate);
+  absl::Status status = OpenLoader();
+  std::vector<double> extra(kExtraCount, 0.0);
+  for (int64_t i = 0; status.ok() && i < recipe().accumulate; ++i) status = AddBatch(report, extra);
+  if (status.ok()) status = Update(report, extra);
+  if (!status.ok()) return status;
+  Finish(report, extra);
+  return Guard(!report.skipped);
+}
+
+absl::Status TrainerImpl::AddBatch(StepReport& report, std::vector<double>& extra) {
+  const absl::Time begin = parts_.clock->Now();
+  absl::StatusOr<std::vector<Sample>> batch = loader_->Next();
+  if (!batch.ok()) return batch.status();
+  report.times.data += parts_.clock->Now() - begin;
+  const int64_t world = parts_.group->world(), rank = parts_.group->rank();
+  const int64_t first_draw = (state_.next_batch++ * world + rank) * recipe().batch_size;
+  const ClipStepOptions options = {
+      recipe().LossAt(state_.progress), {recipe().noisy_start, recipe().streaming_windows}, phase_->iterations};
+  for (size_t i = 0; i < batch->size(); ++i) {
+    const absl::StatusOr<ClipTensors> clip = ToTensors((*batch)[i], parts_.model->options().stride);
+    if (!clip.ok()) return clip.status();
+    // Another stream of chance than the data's, which is seeded by the same number.
+    Rng rng(MixSeed(options_.seed, ~uint64_t{0}), static_cast<uint64_t>(first_draw) + i);
+    const ClipStepResult result =
+        AddClipGradient(working_.network(), clip->To(options_.device), options, rng, *parts_.clock);
+    working_.CollectGradients();
+    AddTimes(result.times, report.times);
+    AddLoss(result.loss, extra);
+  }
+  return absl::OkStatus();
+}
+
+double TrainerImpl::ProgressAfterStep() const {
+  const double by_time = absl::FDivDuration(Elapsed(), options_.time_budget);
+  if (recipe().steps == 0) return std::min(by_time, 1.0);
+  if (by_time >= 1) return 1;
+  return static_cast<double>(state_.step + 1) / static_cast<double>(recipe().steps);
+}
+
+absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra) {
+  const absl::Time begin = parts_.clock->Now();
+  extra[kStop] = parts_.stop->load() ? 1 : 0;
+  extra[kProgress] = leads() ? ProgressAfterStep() : 0;
+  report.clips = recipe().batch_size * recipe().accumulate * parts_.group->world();
+  const double share = 1.0 / static_cast<double>(report.clips);
+  absl::StatusOr<torch::Tensor> gradient = SumGradients(parts_.model->parameters(), share, *parts_.group, extra);
+  if (!gradient.ok()) return gradient.status();
+  report.gradient_norm = ClipGradient(*gradient, recipe().clip_norm);
+  report.skipped = !std::isfinite(report.gradient_norm) || !std::isfinite(extra[kTotal]);
+  if (!report.skipped) {
+    optimizer_.step();
+    average_.Update(*parts_.model);
+    working_.Refresh();
+  }
+  ClearGradients(parts_.model->parameters());
+  report.times.update = parts_.clock->Now() - begin;
+  return absl::OkStatus();
+}
+
+void TrainerImpl::Finish(StepReport& report, const std::vector<double>& extra) {
+  const double clips = static_cast<double>(report.clips);
+  report.loss = {extra[kTotal] / clips, extra[kDistance] / clips, extra[kObjectness] / clips,
+                 extra[kVisibility] / clips, extra[kMatching] / clips};
+  stop_ = extra[kStop] > 0;
+  state_.step += 1;
+  // Single precision on the wire must not end a training early or late.
+  state_.progress = recipe().steps > 0 && extra[kProgress] < 1
+                        ? static_cast<double>(state_.step) / static_cast<double>(recipe().steps)
+                        : extra[kProgress];
+  state_.skipped_steps += report.skipped ? 1 : 0;
+  report.step = state_.step;
+  report.steps = recipe().steps;
+  report.progress = state_.progress;
+  report.when = parts_.clock->Now();
+  report.elapsed = Elapsed();
+  report.skipped_steps = state_.skipped_steps;
+  report.skipped_samples = skipped_samples_ + loader_->skipped();
+  if (leads()) parts_.observer->StepDone(report);
+}
+
+absl::Status TrainerImpl::Guard(bool finite) {
+  skipped_in_row_ = finite ? 0 : skipped_in_row_ + 1;
+  if (skipped_in_row_ < options_.max_skipped_in_row) return absl::OkStatus();
+  return absl::AbortedError(absl::StrCat(skipped_in_row_, " steps in a row, up to step ", state_.step,
+                                         ", had a loss or gradient that is not finite"));
+}
+
+absl::Status TrainerImpl::Validate() {
+  if (parts_.validation == nullptr || options_.validate_every == 0 || !leads()) return absl::OkStatus();
+  const absl::Time begin = parts_.clock->Now();
+  PointModel network(parts_.model->options());
+  network->to(options_.device);
+  average_.CopyTo(*network);
+  const absl::StatusOr<Metrics> metrics = parts_.validation->Run(*network, options_.device);
+  if (!metrics.ok()) return metrics.status();
+  ValidationReport report;
+  report.step = state_.step;
+  report.when = parts_.clock->Now();
+  report.took = report.when - begin;
+  report.metrics = *metrics;
+  report.best = metrics->delta_vis.value_or(-1) > state_.best;
+  parts_.observer->Validated(report);
+  if (!report.best) return absl::OkStatus();
+  state_.best = *metrics->delta_vis;
+  return SaveAverage("best.safetensors");
+}
+
+absl::Status TrainerImpl::SaveAverage(const std::string& name) {
+  PointModel network(parts_.model->options());
+  average_.CopyTo(*network);
+  return SaveModel(absl::StrCat(options_.directory, "/", name), *network, torch::kFloat32,
+                   {{"holdfast.recipe", state_.recipe},
+                    {"holdfast.seed", absl::StrCat(state_.seed)},
+                    {"holdfast.step", absl::StrCat(state_.step)},
+                    {"holdfast.validation_delta_vis", absl::StrCat(state_.best)}});
+}
+
+absl::Status TrainerImpl::Checkpoint() {
+  if (!leads()) return absl::OkStatus();
+  absl::StatusOr<std::string> optimizer = SaveOptimizer(optimizer_);
+  if (!optimizer.ok()) return optimizer.status();
+  TrainingState state = state_;
+  state.elapsed = Elapsed();
+  state.optimizer = *std::move(optimizer);
+  state.average = average_.tensors();
+  state.average_updates = average_.updates();
+  return SaveTrainingCheckpoint(options_.directory, *parts_.model, state);
+}
+
+}  // namespace
+
+absl::Status TrainerOptions::Validate() const {
+  if (const absl::Status status = recipe.Validate(); !status.ok()) return status;
+  if (directory.empty()) return absl::InvalidArgumentError("a directory for checkpoints is needed");
+  if (!(time_budget > absl::ZeroDuration())) return absl::InvalidArgumentError("the time budget must be positive");
+  if (recipe.steps == 0 && time_budget == absl::InfiniteDuration()) {
+    return absl::InvalidArgumentError("a number of steps or a time budget is needed");
+  }
+  if (validate_every < 0 || checkpoint_every < 0) return absl::InvalidArgumentError("steps between must be 0 or more");
+  if (max_skipped_in_row < 1) return absl::InvalidArgumentError("the number of skipped steps must be 1 or more");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<Trainer>> Trainer::Create(const TrainerOptions& options, const TrainerParts& parts) {
+  if (const absl::Status status = options.Validate(); !status.ok()) return status;
+  try {
+    auto trainer = std::make_unique<TrainerImpl>(options, parts);
+    absl::Status status = trainer->Resume();
+    if (status.ok()) status = trainer->AgreeOnStart();
+    if (!status.ok()) return status;
+    return trainer;
+  } catch (const std::exception& e) {
+    return absl::InternalError(absl::StrCat("cannot start the training: ", FirstLine(e)));
+  }
+}
+
+}  // namespace holdfast

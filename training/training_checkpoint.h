@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where a training stands, on disk. A checkpoint is a pair of files in one directory,
+//   checkpoint-00001200.safetensors         the weights, which any program can load, and
+//   checkpoint-00001200.state.safetensors   all else it takes to go on exactly,
+// each written atomically and carrying the same id. The pair before stays until a new one is complete, so whatever
+// kills the process, at any moment, leaves a complete pair behind.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "model/point_model.h"
+#include "model/safetensors.h"
+
+namespace holdfast {
+
+struct TrainingState {
+  int64_t step = 0;        // optimizer steps done
+  int64_t next_batch = 0;  // of the data
+  uint64_t seed = 0;       // of all chance: what a step draws is a function of it and of the batch's number
+  absl::Duration elapsed;  // of training, over all runs
+  double progress = 0;     // share of the training done
+  int64_t skipped_steps = 0;
+  double best = -1;       // validation so far; below 0: none yet
+  std::string recipe;     // Describe() of the recipe
+  std::string optimizer;  // its archive
+  std::map<std::string, torch::Tensor> average;
+  int64_t average_updates = 0;
+};
+
+struct TrainingCheckpoint {
+  std::string path;  // of the weights
+  TensorFile weights;
+  TrainingState state;
+  std::string skipped;  // why newer files were passed over; empty: there were none
+};
+
+// Writes the pair of state.step and removes all older pairs but one. On an error the directory still holds the
+// complete pairs it held.
+absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointModelImpl& model,
+                                    const TrainingState& state);
+
+// The newest complete pair; nullopt when the directory has no checkpoint at all. DATA_LOSS when there are some, but
+// none is complete and readable.
+absl::StatusOr<std::optional<TrainingCheckpoint>> FindTrainingCheckpoint(const std::string& directory);
+
+}  // namespace holdfast
