@@ -52,7 +52,7 @@ class SessionListener {
   virtual ~SessionListener() = default;
   virtual void OnTracks(TrackUpdate update) = 0;
   virtual void OnWarning(const absl::Status& warning) = 0;
-  // After PushFrame said "full": there is room again.
+  // After PushFrame said "full": there is room again. May come before that PushFrame has returned.
   virtual void OnRoomForFrame() = 0;
   // The last call. OK after Finish(), otherwise why the session ended early; its earlier results came before.
   virtual void OnDone(const absl::Status& status, const SessionSummary& summary) = 0;
@@ -64,7 +64,8 @@ enum class Room { kAvailable, kFull };
 // error of a method ends nothing by itself: the caller decides (a stream ends; see Fail).
 class EngineSession {
  public:
-  // Cancels, and blocks until the listener is not in use any more.
+  // Cancels, and blocks until the listener is not in use any more: at most as long as the batch that is being computed
+  // takes. Not from a call of the listener.
   virtual ~EngineSession() = default;
   virtual const SessionAccepted& accepted() const = 0;
   // Takes the frame and says whether there is room for a next one. REQUIRES: room for this one.

@@ -45,8 +45,8 @@ class PointTrack {
 
   // No full window to come needs an older frame.
   int64_t oldest_frame_needed() const { return schedule_.next_start(); }
-  // Frames of this track before this one are final.
-  int64_t final_before() const { return final_before_; }
+  // Frames of this track before this one have been reported as final.
+  int64_t reported_before() const { return sent_before_; }
   size_t estimates_kept() const { return estimates_.size(); }
 
  private:

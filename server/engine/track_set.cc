@@ -98,10 +98,16 @@ std::vector<PointRun> TrackSet::FinishAll() {
     track->Finalize();
     if (auto run = track->TakeRun(provisional_, geometry_)) runs.push_back(*std::move(run));
   }
+  Clear();
+  return runs;
+}
+
+int64_t TrackSet::Clear() {
+  const int64_t dropped = tracks();
   live_.clear();
   tracks_.clear();
   cache_.Clear();
-  return runs;
+  return dropped;
 }
 
 void TrackSet::Evict() {
@@ -110,9 +116,9 @@ void TrackSet::Evict() {
   cache_.EvictBefore(needed);
 }
 
-int64_t TrackSet::final_before() const {
+int64_t TrackSet::reported_before() const {
   int64_t before = cache_.newest() + 1;
-  for (const auto& track : tracks_) before = std::min(before, track->final_before());
+  for (const auto& track : tracks_) before = std::min(before, track->reported_before());
   return before;
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
+#include "absl/types/span.h"
 #include "proto/types.h"
 #include "server/engine/feature_cache.h"
 #include "server/engine/geometry.h"
@@ -50,13 +51,15 @@ class TrackSet {
   std::vector<PointRun> TakeEnded();
   // Everything becomes final. REQUIRES: !AnyDue(true).
   std::vector<PointRun> FinishAll();
+  // Drops everything as it stands; the number of tracks there were.
+  int64_t Clear();
   // Forgets the frames that no window to come needs.
   void Evict();
 
   const FeatureCache& cache() const { return cache_; }
   int64_t tracks() const { return static_cast<int64_t>(tracks_.size()); }
-  // Frames before this one are final for every point.
-  int64_t final_before() const;
+  // Frames before this one have been reported as final for every point.
+  int64_t reported_before() const;
 
  private:
   void EndTrack(PointId id, int64_t last_frame, int64_t stop);

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/engine_with_model.h"
+
+#include <random>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/engine/admission.h"
+#include "server/engine/decode_pool.h"
+#include "server/engine/scheduler.h"
+#include "server/engine/session.h"
+#include "server/engine/session_config.h"
+
+namespace holdfast {
+namespace {
+
+std::string NewSessionId() {
+  std::random_device random;
+  const uint64_t high = random(), low = random();
+  return absl::StrCat(absl::Hex(high << 32 | low, absl::kZeroPad16));
+}
+
+// The caller's end of a session.
+class SessionHandle final : public EngineSession {
+ public:
+  SessionHandle(std::shared_ptr<Session> session, DecodePool& pool, Scheduler& scheduler)
+      : session_(std::move(session)), pool_(pool), scheduler_(scheduler) {}
+
+  ~SessionHandle() override {
+    Cancel();
+    session_->AwaitDone();
+  }
+
+  const SessionAccepted& accepted() const override { return session_->accepted(); }
+
+  absl::StatusOr<Room> PushFrame(Frame frame) override {
+    const int64_t index = frame.index;
+    absl::StatusOr<Room> room = session_->PushFrame(std::move(frame));
+    if (room.ok()) {
+      pool_.Submit([session = session_, index, &scheduler = scheduler_] {
+        session->Decode(index);
+        scheduler.Notify();
+      });
+    }
+    return room;
+  }
+
+  absl::Status AddPoints(const std::vector<PointQuery>& points) override {
+    absl::Status status = session_->inbox().AddPoints("add_points.points", points);
+    scheduler_.Notify();
+    return status;
+  }
+
+  absl::Status RemovePoints(const std::vector<PointId>& ids) override {
+    absl::Status status = session_->inbox().RemovePoints(ids);
+    scheduler_.Notify();
+    return status;
+  }
+
+  void Finish() override { Fail(absl::OkStatus()); }
+
+  void Fail(absl::Status status) override {
+    session_->inbox().End(std::move(status));
+    scheduler_.Notify();
+  }
+
+  void Cancel() override {
+    session_->inbox().Cancel();
+    scheduler_.Notify();
+  }
+
+ private:
+  const std::shared_ptr<Session> session_;
+  DecodePool& pool_;
+  Scheduler& scheduler_;
+};
+
+class EngineImpl final : public Engine {
+ public:
+  EngineImpl(const EngineOptions& options, std::unique_ptr<TrackerModel> model, Clock& clock, EngineMetrics& metrics)
+      : options_(options),
+        model_(std::move(model)),
+        clock_(clock),
+        metrics_(metrics),
+        info_(MakeInfo(options, model_->info())),
+        admission_({options.max_sessions, options.cache_budget_bytes}, metrics),
+        scheduler_({options.max_batch_frames, options.max_batch_rows}, *model_, clock, metrics),
+        pool_(options.decode_threads) {}
+
+  const TrackerInfo& info() const override { return info_; }
+
+  absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
+                                                             SessionListener& listener) override {
+    auto accepted = Negotiate(config, options_, model_->info());
+    if (!accepted.ok()) return accepted.status();
+    accepted->session_id = NewSessionId();
+    const Session::Options options = MakeOptions(config, *accepted);
+    const int64_t frame_bytes = model_->FrameBytes(accepted->processing_size);
+    auto ticket = admission_.Admit(frame_bytes * options.max_cached_frames);
+    if (!ticket.ok()) return ticket.status();
+    auto session = std::make_shared<Session>(options, listener, clock_, metrics_, *std::move(ticket));
+    if (absl::Status status = session->inbox().AddPoints("config.points", config.points); !status.ok()) return status;
+    metrics_.SessionOpened();
+    scheduler_.Add(session);
+    return std::make_unique<SessionHandle>(std::move(session), pool_, scheduler_);
+  }
+
+ private:
+  static TrackerInfo MakeInfo(const EngineOptions& options, const ModelInfo& model) {
+    TrackerInfo info;
+    info.model_name = model.name;
+    info.preset = model.preset;
+    info.weights_sha256 = model.weights_sha256;
+    info.precision = model.precision;
+    info.device = model.device;
+    info.default_processing_size = options.processing_size;
+    info.window_frames = model.window_frames;
+    info.default_hop_frames = options.chaining == Chaining::kPublished ? model.window_frames - 1 : options.hop_frames;
+    info.default_iterations = options.iterations;
+    info.max_sessions = options.max_sessions;
+    info.limits = options.limits;
+    return info;
+  }
+
+  Session::Options MakeOptions(const SessionConfig& config, const SessionAccepted& accepted) const {
+    Session::Options options;
+    options.accepted = accepted;
+    options.inbox.format = {config.encoding, config.raw_size, options_.limits.max_frame_pixels};
+    options.inbox.limits = options_.limits;
+    options.inbox.max_pending_frames = options_.max_pending_frames;
+    options.windows.frames = accepted.window_frames;
+    options.windows.hop = accepted.hop_frames;
+    options.windows.early = config.send_provisional;
+    options.windows.revise_last = options_.chaining == Chaining::kPublished;
+    options.provisional = config.send_provisional;
+    options.carry_templates = options_.chaining == Chaining::kPublished;
+    options.stride = model_->info().stride;
+    options.max_cached_frames = accepted.window_frames + accepted.hop_frames + options_.max_pending_frames;
+    return options;
+  }
+
+  const EngineOptions options_;
+  const std::unique_ptr<TrackerModel> model_;
+  Clock& clock_;
+  EngineMetrics& metrics_;
+  const TrackerInfo info_;
+  Admission admission_;
+  Scheduler scheduler_;
+  DecodePool pool_;  // last: its jobs notify the scheduler
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Engine>> CreateEngineWithModel(const EngineOptions& options,
+                                                              std::unique_ptr<TrackerModel> model, Clock& clock,
+                                                              EngineMetrics& metrics) {
+  if (absl::Status status = options.Validate(); !status.ok()) return status;
+  if (options.hop_frames >= model->info().window_frames) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("hop_frames must be below the model's window of ", model->info().window_frames));
+  }
+  return std::make_unique<EngineImpl>(options, std::move(model), clock, metrics);
+}
+
+}  // namespace holdfast

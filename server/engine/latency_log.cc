@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/latency_log.h"
+
+#include <algorithm>
+
+namespace holdfast {
+
+void LatencyLog::Estimated(int64_t first, int64_t before, absl::Time now) {
+  for (int64_t frame = std::max({first, estimated_before_, final_before_}); frame < before; ++frame) {
+    metrics_.FirstEstimate(now - arrivals_[frame - final_before_]);
+  }
+  estimated_before_ = std::max(estimated_before_, before);
+}
+
+void LatencyLog::Final(int64_t before, absl::Time now) {
+  for (; final_before_ < before; ++final_before_) {
+    if (final_before_ < estimated_before_) metrics_.FinalEstimate(now - arrivals_.front());
+    arrivals_.pop_front();
+  }
+}
+
+}  // namespace holdfast

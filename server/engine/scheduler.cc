@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/scheduler.h"
+
+#include <algorithm>
+#include <exception>
+#include <new>
+#include <utility>
+
+#include "absl/status/status.h"
+
+namespace holdfast {
+namespace {
+
+template <typename Batch>
+std::vector<Session*> SessionsOf(const Batch& batch) {
+  std::vector<Session*> sessions;
+  for (const auto& part : batch.parts) sessions.push_back(part.session);
+  return sessions;
+}
+
+}  // namespace
+
+Scheduler::Scheduler(const Options& options, TrackerModel& model, Clock& clock, EngineMetrics& metrics)
+    : options_(options), model_(model), clock_(clock), metrics_(metrics), thread_([this] { Run(); }) {}
+
+Scheduler::~Scheduler() {
+  {
+    absl::MutexLock lock(&mutex_);
+    stopped_ = true;
+    changed_.SignalAll();
+  }
+  thread_.join();
+}
+
+void Scheduler::Add(std::shared_ptr<Session> session) {
+  absl::MutexLock lock(&mutex_);
+  arrivals_.push_back(std::move(session));
+}
+
+void Scheduler::Notify() {
+  absl::MutexLock lock(&mutex_);
+  work_ = true;
+  changed_.Signal();
+}
+
+void Scheduler::Run() {
+  model_.PrepareThread();
+  while (AwaitWork()) {
+    while (TakeTurn()) {
+    }
+  }
+  for (const auto& session : sessions_) session->Close(absl::CancelledError("the engine stops"));
+}
+
+bool Scheduler::AwaitWork() {
+  absl::MutexLock lock(&mutex_);
+  while (!work_ && !stopped_) changed_.Wait(&mutex_);
+  work_ = false;
+  return !stopped_;
+}
+
+bool Scheduler::TakeTurn() {
+  {
+    absl::MutexLock lock(&mutex_);
+    if (stopped_) return false;
+    for (auto& session : arrivals_) sessions_.push_back(std::move(session));
+    arrivals_.clear();
+  }
+  for (const auto& session : sessions_) {
+    Guard({session.get()}, [&] { session->ApplyOps(model_); });
+  }
+  const bool encoded = EncodeBatch();
+  const bool refined = RefineBatch();
+  int64_t cached = 0;
+  for (const auto& session : sessions_) {
+    session->Settle();
+    cached += session->tracks().cache().bytes();
+  }
+  metrics_.CacheBytes(cached);
+  DropClosed();
+  return encoded || refined;
+}
+
+bool Scheduler::EncodeBatch() {
+  FrameBatch batch = TakeFrameBatch(InTurn(encode_turn_), options_.max_batch_frames);
+  if (batch.parts.empty()) return false;
+  encode_turn_ = TurnAfter(batch.parts.front().session);
+  Guard(SessionsOf(batch), [&] {
+    std::vector<const RgbImage*> images;
+    for (const auto& part : batch.parts) {
+      for (const DecodedFrame& frame : part.frames) images.push_back(&frame.image);
+    }
+    const absl::Time begin = clock_.Now();
+    auto features = model_.Encode(images);
+    metrics_.StageTook(Stage::kEncode, clock_.Now() - begin);
+    Admit(std::move(batch), std::move(features));
+  });
+  return true;
+}
+
+void Scheduler::Admit(FrameBatch batch, std::vector<FrameFeaturesPtr> features) {
+  size_t next = 0;
+  for (const auto& part : batch.parts) {
+    for (const DecodedFrame& frame : part.frames) part.session->Admit(frame, std::move(features[next++]), model_);
+  }
+}
+
+bool Scheduler::RefineBatch() {
+  RowBatch batch = MakeRowBatch(InTurn(refine_turn_), options_.max_batch_rows);
+  if (batch.parts.empty()) return false;
+  refine_turn_ = TurnAfter(batch.parts.front().session);
+  Guard(SessionsOf(batch), [&] {
+    const bool carry = batch.parts.front().session->options().carry_templates;
+    const absl::Time begin = clock_.Now();
+    auto estimates = model_.Refine(batch.groups, {batch.iterations, carry});
+    metrics_.StageTook(Stage::kRefine, clock_.Now() - begin);
+    metrics_.BatchRefined(batch.rows, batch.iterations);
+    Apply(std::move(batch), std::move(estimates));
+  });
+  return true;
+}
+
+void Scheduler::Apply(RowBatch batch, std::vector<RowEstimate> estimates) {
+  size_t next = 0;
+  for (const auto& part : batch.parts) {
+    std::vector<PointRun> runs;
+    for (const DueRow& row : part.rows) {
+      if (auto run = part.session->tracks().Apply(row, std::move(estimates[next++]))) runs.push_back(*std::move(run));
+    }
+    // A session that was cancelled meanwhile wants no more results.
+    if (!part.session->inbox().cancelled()) part.session->Deliver(std::move(runs));
+  }
+}
+
+void Scheduler::Guard(const std::vector<Session*>& affected, const std::function<void()>& work) {
+  absl::Status status;
+  try {
+    work();
+  } catch (const std::bad_alloc&) {
+    status = absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception&) {
+    status = absl::InternalError("the network failed");  // its words may hold paths
+  }
+  if (status.ok()) return;
+  for (Session* session : affected) session->Close(status);
+}
+
+std::vector<Session*> Scheduler::InTurn(size_t turn) const {
+  std::vector<Session*> sessions;
+  for (size_t i = 0; i < sessions_.size(); ++i) {
+    Session* session = sessions_[(turn + i) % sessions_.size()].get();
+    if (!session->done() && !session->inbox().cancelled()) sessions.push_back(session);
+  }
+  return sessions;
+}
+
+size_t Scheduler::TurnAfter(const Session* first) const {
+  const auto it = std::find_if(sessions_.begin(), sessions_.end(),
+                               [first](const std::shared_ptr<Session>& session) { return session.get() == first; });
+  return static_cast<size_t>(it - sessions_.begin()) + 1;
+}
+
+void Scheduler::DropClosed() {
+  sessions_.erase(std::remove_if(sessions_.begin(), sessions_.end(),
+                                 [](const std::shared_ptr<Session>& session) { return session->done(); }),
+                  sessions_.end());
+}
+
+}  // namespace holdfast

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/session_config.h"
+
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "proto/errors.h"
+#include "server/engine/point_check.h"
+
+namespace holdfast {
+namespace {
+
+using Violations = std::vector<FieldViolation>;
+
+constexpr size_t kMaxLabelBytes = 128;
+constexpr int kSizeStep = 32;  // pixels
+
+int64_t Pixels(ImageSize size) { return int64_t{size.width} * size.height; }
+std::string ToString(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
+
+void CheckRawSize(const SessionConfig& config, const EngineOptions& options, Violations& violations) {
+  const ImageSize size = config.raw_size;
+  if (!IsRaw(config.encoding)) {
+    if (!size.empty()) violations.push_back({"config.raw_size", "only raw encodings have one"});
+  } else if (size.width <= 0 || size.height <= 0) {
+    violations.push_back({"config.raw_size", "raw encodings need the size of the frames"});
+  } else if (Pixels(size) > options.limits.max_frame_pixels) {
+    violations.push_back({"config.raw_size",
+                          absl::StrCat(ToString(size), " is more than ", options.limits.max_frame_pixels, " pixels")});
+  }
+}
+
+void CheckProcessingSize(ImageSize size, const EngineOptions& options, Violations& violations) {
+  if (size.width <= 0 || size.height <= 0 || size.width % kSizeStep != 0 || size.height % kSizeStep != 0) {
+    violations.push_back({"config.processing_size", absl::StrCat(ToString(size), " is not a multiple of ", kSizeStep)});
+  } else if (Pixels(size) > options.max_processing_pixels) {
+    violations.push_back({"config.processing_size",
+                          absl::StrCat(ToString(size), " is more than ", options.max_processing_pixels, " pixels")});
+  }
+}
+
+// The hop of a session: the published chaining has only one.
+int DefaultHop(const EngineOptions& options, int window) {
+  return options.chaining == Chaining::kPublished ? window - 1 : options.hop_frames;
+}
+
+void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options, Violations& violations) {
+  const int lowest = options.chaining == Chaining::kPublished ? accepted.window_frames - 1 : 1;
+  const int highest = accepted.window_frames - 1;
+  if (accepted.hop_frames < lowest || accepted.hop_frames > highest) {
+    violations.push_back(
+        {"config.hop_frames", absl::StrCat(accepted.hop_frames, " is not in ", lowest, " .. ", highest)});
+  }
+  if (accepted.iterations < 1 || accepted.iterations > options.max_iterations) {
+    violations.push_back(
+        {"config.iterations", absl::StrCat(accepted.iterations, " is not in 1 .. ", options.max_iterations)});
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const EngineOptions& options,
+                                          const ModelInfo& model) {
+  SessionAccepted accepted;
+  accepted.processing_size = config.processing_size.empty() ? options.processing_size : config.processing_size;
+  accepted.window_frames = model.window_frames;
+  accepted.hop_frames = config.hop_frames == 0 ? DefaultHop(options, model.window_frames) : config.hop_frames;
+  accepted.iterations = config.iterations == 0 ? options.iterations : config.iterations;
+  accepted.limits = options.limits;
+  Violations violations;
+  CheckRawSize(config, options, violations);
+  CheckProcessingSize(accepted.processing_size, options, violations);
+  CheckNumbers(accepted, options, violations);
+  if (config.label.size() > kMaxLabelBytes) {
+    violations.push_back({"config.label", absl::StrCat("longer than ", kMaxLabelBytes, " bytes")});
+  }
+  std::optional<ImageSize> frame;
+  if (IsRaw(config.encoding) && config.raw_size.width > 0 && config.raw_size.height > 0) frame = config.raw_size;
+  for (FieldViolation& v : CheckPoints("config.points", config.points, frame)) violations.push_back(std::move(v));
+  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (static_cast<int64_t>(config.points.size()) > options.limits.max_points) {
+    return OverloadError("points of a session", absl::StrCat("at most ", options.limits.max_points),
+                         absl::ZeroDuration());
+  }
+  return accepted;
+}
+
+}  // namespace holdfast

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/session_inbox.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/engine/point_check.h"
+
+namespace holdfast {
+namespace {
+
+absl::Status BadFrame(int64_t index, const absl::Status& why) {
+  if (!absl::IsInvalidArgument(why)) return why;
+  return InvalidFieldError("frame.data", absl::StrCat("frame ", index, ": ", why.message()));
+}
+
+std::string ToString(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
+
+}  // namespace
+
+SessionInbox::SessionInbox(const Options& options) : options_(options) {
+  if (IsRaw(options.format.encoding)) frame_size_ = options.format.raw_size;
+}
+
+absl::StatusOr<Room> SessionInbox::Push(Frame frame, absl::Time now) {
+  const absl::StatusOr<ImageSize> size = FrameSize(frame.bytes, options_.format);
+  absl::MutexLock lock(&mutex_);
+  if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
+  if (absl::Status status = CheckFrameLocked(frame, size); !status.ok()) return status;
+  if (absl::Status status = CheckPointsLocked(frame, *size); !status.ok()) return status;
+  frame_size_ = *size;
+  unchecked_.clear();
+  SeedLocked(frame.points, frame.index);
+  pending_.push_back({frame.index, now, std::move(frame.bytes), std::nullopt});
+  ++received_;
+  told_full_ = FullLocked();
+  return told_full_ ? Room::kFull : Room::kAvailable;
+}
+
+absl::Status SessionInbox::CheckOpenLocked() const {
+  if (!ended_) return absl::OkStatus();
+  return end_status_.ok() ? absl::FailedPreconditionError("the stream has finished") : end_status_;
+}
+
+absl::Status SessionInbox::CheckFrameLocked(const Frame& frame, const absl::StatusOr<ImageSize>& size) const {
+  const int64_t index = frame.index;
+  if (index != received_) {
+    return InvalidFieldError("frame.index", absl::StrCat("frame ", index, " came instead of frame ", received_));
+  }
+  if (options_.limits.max_frames > 0 && index >= options_.limits.max_frames) {
+    return OverloadError("frames of a session", absl::StrCat("at most ", options_.limits.max_frames),
+                         absl::ZeroDuration());
+  }
+  if (FullLocked()) return absl::FailedPreconditionError("no room for a frame");
+  const int64_t bytes = static_cast<int64_t>(frame.bytes.size());
+  if (bytes > options_.limits.max_frame_bytes) {
+    return BadFrame(
+        index, absl::InvalidArgumentError(absl::StrCat(bytes, " bytes, at most ", options_.limits.max_frame_bytes)));
+  }
+  if (!size.ok()) return BadFrame(index, size.status());
+  if (frame_size_ && *frame_size_ != *size) {
+    return BadFrame(index, absl::InvalidArgumentError(absl::StrCat("its size is ", ToString(*size), ", the first was ",
+                                                                   ToString(*frame_size_))));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status SessionInbox::CheckPointsLocked(const Frame& frame, ImageSize size) const {
+  std::vector<FieldViolation> violations = CheckPoints("frame.points", frame.points, size);
+  for (const Unchecked& message : unchecked_) {
+    for (FieldViolation& v : CheckPoints(message.list, message.points, size)) violations.push_back(std::move(v));
+  }
+  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  return CheckCountLocked(frame.points);
+}
+
+absl::Status SessionInbox::CheckCountLocked(const std::vector<PointQuery>& points) const {
+  const int64_t fresh = std::count_if(points.begin(), points.end(), [this](const PointQuery& p) {
+    mutex_.AssertHeld();
+    return !ids_.contains(p.id);
+  });
+  if (static_cast<int64_t>(ids_.size()) + fresh <= options_.limits.max_points) return absl::OkStatus();
+  return OverloadError("points of a session", absl::StrCat("at most ", options_.limits.max_points),
+                       absl::ZeroDuration());
+}
+
+absl::Status SessionInbox::AddPoints(absl::string_view list, const std::vector<PointQuery>& points) {
+  absl::MutexLock lock(&mutex_);
+  if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
+  std::vector<FieldViolation> violations = CheckPoints(list, points, frame_size_);
+  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (absl::Status status = CheckCountLocked(points); !status.ok()) return status;
+  if (!frame_size_) unchecked_.push_back({std::string(list), points});
+  SeedLocked(points, std::max<int64_t>(received_ - 1, 0));
+  return absl::OkStatus();
+}
+
+void SessionInbox::SeedLocked(const std::vector<PointQuery>& points, int64_t frame) {
+  for (const PointQuery& query : points) {
+    ids_.insert(query.id);
+    ops_.push_back({PointOp::Kind::kSeed, frame, query});
+  }
+}
+
+absl::Status SessionInbox::RemovePoints(const std::vector<PointId>& ids) {
+  absl::MutexLock lock(&mutex_);
+  if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
+  for (const PointId id : ids) {
+    if (ids_.erase(id) == 0) continue;
+    ops_.push_back({PointOp::Kind::kRemove, std::max<int64_t>(received_ - 1, 0), {id}});
+  }
+  return absl::OkStatus();
+}
+
+void SessionInbox::End(absl::Status status) {
+  absl::MutexLock lock(&mutex_);
+  if (ended_) return;
+  ended_ = true;
+  end_status_ = std::move(status);
+  if (received_ == 0) ops_.clear();  // there will be no frame for them
+}
+
+void SessionInbox::Cancel() {
+  absl::MutexLock lock(&mutex_);
+  cancelled_ = ended_ = true;
+  end_status_ = absl::CancelledError("the session was cancelled");
+  DropFromLocked(0);
+}
+
+void SessionInbox::Close(const absl::Status& status) {
+  absl::MutexLock lock(&mutex_);
+  ended_ = true;
+  end_status_ = status;
+  DropFromLocked(0);
+}
+
+std::optional<std::string> SessionInbox::TakeBytes(int64_t index) {
+  absl::MutexLock lock(&mutex_);
+  Pending* frame = FindLocked(index);
+  if (frame == nullptr) return std::nullopt;
+  return std::move(frame->bytes);
+}
+
+void SessionInbox::SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, absl::Time now) {
+  absl::MutexLock lock(&mutex_);
+  Pending* frame = FindLocked(index);
+  if (frame == nullptr) return;
+  if (image.ok()) {
+    frame->decoded = DecodedFrame{index, frame->arrival, now, *std::move(image)};
+    return;
+  }
+  ended_ = true;
+  end_status_ = BadFrame(index, image.status());
+  DropFromLocked(index);
+}
+
+int64_t SessionInbox::ready() const {
+  absl::MutexLock lock(&mutex_);
+  return ReadyLocked();
+}
+
+int64_t SessionInbox::ReadyLocked() const {
+  const auto missing =
+      std::find_if(pending_.begin(), pending_.end(), [](const Pending& frame) { return !frame.decoded.has_value(); });
+  return missing - pending_.begin();
+}
+
+SessionInbox::Taken SessionInbox::TakeFrames(int64_t count) {
+  absl::MutexLock lock(&mutex_);
+  Taken taken;
+  for (count = std::min(count, ReadyLocked()); count > 0; --count) {
+    taken.frames.push_back(*std::move(pending_.front().decoded));
+    pending_.pop_front();
+  }
+  taken.room = told_full_ && !FullLocked();
+  if (taken.room) told_full_ = false;
+  return taken;
+}
+
+std::vector<PointOp> SessionInbox::TakeOps(int64_t newest_frame) {
+  absl::MutexLock lock(&mutex_);
+  std::vector<PointOp> ops;
+  while (!ops_.empty() && ops_.front().frame <= newest_frame) {
+    ops.push_back(ops_.front());
+    ops_.pop_front();
+  }
+  return ops;
+}
+
+bool SessionInbox::drained() const {
+  absl::MutexLock lock(&mutex_);
+  return ended_ && pending_.empty() && ops_.empty();
+}
+
+bool SessionInbox::cancelled() const {
+  absl::MutexLock lock(&mutex_);
+  return cancelled_;
+}
+
+absl::Status SessionInbox::end_status() const {
+  absl::MutexLock lock(&mutex_);
+  return end_status_;
+}
+
+int64_t SessionInbox::frames_received() const {
+  absl::MutexLock lock(&mutex_);
+  return received_;
+}
+
+int64_t SessionInbox::TakeDropped() {
+  absl::MutexLock lock(&mutex_);
+  return std::exchange(dropped_, 0);
+}
+
+ImageSize SessionInbox::frame_size() const {
+  absl::MutexLock lock(&mutex_);
+  return frame_size_.value_or(ImageSize{});
+}
+
+void SessionInbox::DropFromLocked(int64_t index) {
+  while (!pending_.empty() && pending_.back().index >= index) {
+    pending_.pop_back();
+    ++dropped_;
+  }
+  while (!ops_.empty() && ops_.back().frame >= index) ops_.pop_back();
+}
+
+SessionInbox::Pending* SessionInbox::FindLocked(int64_t index) {
+  if (pending_.empty() || index < pending_.front().index || index > pending_.back().index) return nullptr;
+  return &pending_[index - pending_.front().index];
+}
+
+bool SessionInbox::FullLocked() const { return static_cast<int>(pending_.size()) >= options_.max_pending_frames; }
+
+}  // namespace holdfast

@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/torch_tracker_model.h"
+
+#include <ATen/Parallel.h>
+#include <torch/torch.h>
+
+#include <algorithm>
+#include <cstring>
+#include <new>
+#include <optional>
+#include <string>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "model/presets.h"
+#include "model/sampling.h"
+
+namespace holdfast {
+namespace {
+
+static_assert(sizeof(Position) == 2 * sizeof(float), "positions are copied as pairs of floats");
+
+class TorchFeatures final : public FrameFeatures {
+ public:
+  explicit TorchFeatures(FeaturePyramid pyramid) : pyramid_(std::move(pyramid)), bytes_(pyramid_.bytes()) {}
+  const FeaturePyramid& pyramid() const { return pyramid_; }
+  int64_t bytes() const override { return bytes_; }
+
+ private:
+  const FeaturePyramid pyramid_;
+  const int64_t bytes_;
+};
+
+const FeaturePyramid& PyramidOf(const FrameFeatures& features) {
+  return static_cast<const TorchFeatures&>(features).pyramid();
+}
+
+// positions [N, S] -> [N, S, 2] float32.
+torch::Tensor StartsOf(const std::vector<WindowRow>& rows) {
+  const int64_t frames = static_cast<int64_t>(rows.front().start.size());
+  torch::Tensor starts = torch::empty({static_cast<int64_t>(rows.size()), frames, 2});
+  float* out = starts.data_ptr<float>();
+  for (const WindowRow& row : rows) {
+    std::memcpy(out, row.start.data(), row.start.size() * sizeof(Position));
+    out += row.start.size() * 2;
+  }
+  return starts;
+}
+
+torch::Tensor FeaturesOf(const std::vector<WindowRow>& rows) {  // [N, C] float32
+  const int64_t channels = static_cast<int64_t>(rows.front().feature.size());
+  torch::Tensor features = torch::empty({static_cast<int64_t>(rows.size()), channels});
+  float* out = features.data_ptr<float>();
+  for (const WindowRow& row : rows) out = std::copy(row.feature.begin(), row.feature.end(), out);
+  return features;
+}
+
+// The rows' f2 or f4, [N, S, C] float32; f1 at every frame for rows that carry none.
+torch::Tensor CarriedOf(const std::vector<WindowRow>& rows, std::vector<float> CarriedTemplates::*which) {
+  const int64_t frames = static_cast<int64_t>(rows.front().start.size());
+  const int64_t channels = static_cast<int64_t>(rows.front().feature.size());
+  torch::Tensor carried = torch::empty({static_cast<int64_t>(rows.size()), frames, channels});
+  float* out = carried.data_ptr<float>();
+  for (const WindowRow& row : rows) {
+    if (row.carried != nullptr) {
+      const std::vector<float>& values = row.carried->*which;
+      out = std::copy(values.begin(), values.end(), out);
+    } else {
+      for (int64_t t = 0; t < frames; ++t) out = std::copy(row.feature.begin(), row.feature.end(), out);
+    }
+  }
+  return carried;
+}
+
+WindowRows ToWindowRows(const WindowGroup& group) {
+  WindowRows rows;
+  for (const FrameFeaturesPtr& frame : group.frames) rows.frames.push_back(PyramidOf(*frame));
+  rows.start = StartsOf(group.rows);
+  rows.feature = FeaturesOf(group.rows);
+  const bool carried =
+      std::any_of(group.rows.begin(), group.rows.end(), [](const WindowRow& row) { return row.carried != nullptr; });
+  if (carried) {
+    rows.carried_f2 = CarriedOf(group.rows, &CarriedTemplates::f2);
+    rows.carried_f4 = CarriedOf(group.rows, &CarriedTemplates::f4);
+  }
+  return rows;
+}
+
+// Row 'row' of x [N, ...] float32 contiguous on the CPU; empty for an undefined x.
+std::vector<float> RowOf(const torch::Tensor& x, int64_t row) {
+  if (!x.defined()) return {};
+  const int64_t size = x.numel() / x.size(0);
+  const float* begin = x.data_ptr<float>() + row * size;
+  return {begin, begin + size};
+}
+
+torch::Tensor OnCpu(const torch::Tensor& x) {
+  return x.defined() ? x.to(torch::kCPU, torch::kFloat32).contiguous() : x;
+}
+
+void AppendEstimates(const WindowEstimate& group, std::vector<RowEstimate>& estimates) {
+  const torch::Tensor positions = OnCpu(group.positions), logit = OnCpu(group.visibility_logit),
+                      similarity = OnCpu(group.similarity), last_step = OnCpu(group.last_step), f2 = OnCpu(group.f2),
+                      f4 = OnCpu(group.f4);
+  for (int64_t row = 0; row < positions.size(0); ++row) {
+    RowEstimate estimate;
+    estimate.positions.resize(positions.size(1));
+    std::memcpy(estimate.positions.data(), positions.data_ptr<float>() + row * positions.size(1) * 2,
+                estimate.positions.size() * sizeof(Position));
+    estimate.visibility_logit = RowOf(logit, row);
+    estimate.similarity = RowOf(similarity, row);
+    estimate.last_step = RowOf(last_step, row);
+    estimate.templates = {RowOf(f2, row), RowOf(f4, row)};
+    estimates.push_back(std::move(estimate));
+  }
+}
+
+// Memory that ends is an overload, anything else a bug.
+template <typename Work>
+auto WithMemoryErrors(Work work) -> decltype(work()) {
+  try {
+    return work();
+  } catch (const c10::OutOfMemoryError&) {
+    throw std::bad_alloc();
+  } catch (const c10::Error& e) {  // the CPU's allocator throws no type of its own
+    if (absl::StrContains(e.what_without_backtrace(), "allocate memory")) throw std::bad_alloc();
+    throw;
+  }
+}
+
+class TorchTrackerModel final : public TrackerModel {
+ public:
+  TorchTrackerModel(LoadedModel loaded, torch::Device device, torch::ScalarType dtype, int threads)
+      : model_(std::move(loaded.model)), device_(device), dtype_(dtype), threads_(threads) {
+    model_->eval();
+    model_->to(device, dtype);
+    const ModelOptions& options = model_->options();
+    info_.name = std::move(loaded.name);
+    info_.preset = PresetName(options);
+    info_.weights_sha256 = std::move(loaded.sha256);
+    info_.precision = dtype == torch::kBFloat16 ? "bfloat16" : "float32";
+    info_.device = device.str();
+    info_.window_frames = static_cast<int>(options.window);
+    info_.stride = static_cast<int>(options.stride);
+  }
+
+  const ModelInfo& info() const override { return info_; }
+
+  int64_t FrameBytes(ImageSize size) const override {
+    const ModelOptions& options = model_->options();
+    int64_t height = size.height / options.stride, width = size.width / options.stride, cells = 0;
+    for (int64_t level = 0; level < options.correlation_levels; ++level, height /= 2, width /= 2) {
+      cells += height * width;
+    }
+    return cells * options.feature_channels * static_cast<int64_t>(c10::elementSize(dtype_));
+  }
+
+  void PrepareThread() override { at::set_num_threads(threads_); }
+
+  std::vector<FrameFeaturesPtr> Encode(absl::Span<const RgbImage* const> images) override {
+    return WithMemoryErrors([&] {
+      const c10::InferenceMode guard;
+      std::vector<torch::Tensor> frames;
+      for (const RgbImage* image : images) {
+        frames.push_back(torch::from_blob(const_cast<uint8_t*>(image->pixels.data()),  // only read
+                                          {image->size.height, image->size.width, 3}, torch::kUInt8));
+      }
+      const torch::Tensor maps = model_->Encode(torch::stack(frames).to(device_));
+      std::vector<FrameFeaturesPtr> features;
+      for (FeaturePyramid& pyramid : BuildPyramids(maps, model_->options().correlation_levels)) {
+        features.push_back(std::make_shared<TorchFeatures>(std::move(pyramid)));
+      }
+      return features;
+    });
+  }
+
+  std::vector<std::vector<float>> Sample(const FrameFeatures& frame, absl::Span<const Position> at) override {
+    return WithMemoryErrors([&] {
+      const c10::InferenceMode guard;
+      torch::Tensor xy = torch::empty({static_cast<int64_t>(at.size()), 2});
+      std::memcpy(xy.data_ptr<float>(), at.data(), at.size() * sizeof(Position));
+      const torch::Tensor features = OnCpu(SampleFeatures(PyramidOf(frame), xy.to(device_)));
+      std::vector<std::vector<float>> templates;
+      for (int64_t i = 0; i < features.size(0); ++i) templates.push_back(RowOf(features, i));
+      return templates;
+    });
+  }
+
+  std::vector<RowEstimate> Refine(absl::Span<const WindowGroup> groups, const RefineOptions& options) override {
+    return WithMemoryErrors([&] {
+      const c10::InferenceMode guard;
+      std::vector<WindowRows> rows;
+      for (const WindowGroup& group : groups) rows.push_back(ToWindowRows(group));
+      std::vector<RowEstimate> estimates;
+      for (const WindowEstimate& group : model_->Refine(rows, {options.iterations, options.keep_templates})) {
+        AppendEstimates(group, estimates);
+      }
+      return estimates;
+    });
+  }
+
+ private:
+  PointModel model_;
+  const torch::Device device_;
+  const torch::ScalarType dtype_;
+  const int threads_;
+  ModelInfo info_;
+};
+
+// One frame and one row, on a thread of its own so that the caller's thread settings stay what they are. The libraries
+// below choose and compile their kernels here and not in the first session.
+absl::Status WarmUp(TrackerModel& model, const EngineOptions& options) {
+  absl::Status status;
+  std::thread([&] {
+    try {
+      model.PrepareThread();
+      const ImageSize size = options.processing_size;
+      const RgbImage image{size, std::vector<uint8_t>(size_t{3} * size.width * size.height, 128)};
+      const RgbImage* images[] = {&image};
+      const Position at{1, 1};
+      const FrameFeaturesPtr features = model.Encode(images).front();
+      const std::vector<float> feature = model.Sample(*features, {&at, 1}).front();
+      const size_t frames = model.info().window_frames;
+      WindowGroup group{std::vector<FrameFeaturesPtr>(frames, features),
+                        {{std::vector<Position>(frames, at), feature}}};
+      model.Refine({&group, 1}, {options.iterations, false});
+    } catch (const std::bad_alloc&) {
+      status = absl::ResourceExhaustedError("no memory for a frame of the default processing size");
+    } catch (const std::exception& e) {
+      status = absl::InternalError(absl::StrCat("the network does not run here: ", e.what()));
+    }
+  }).join();
+  return status;
+}
+
+absl::StatusOr<torch::Device> ParseDevice(const std::string& name) {
+  try {
+    const torch::Device device(name);
+    torch::empty({1}, device);
+    return device;
+  } catch (const std::exception&) {
+    return absl::InvalidArgumentError(absl::StrCat("there is no device '", name, "'"));
+  }
+}
+
+bool ComputesBFloat16Faster(const torch::Device& device) {
+  if (!device.is_cpu()) return device.is_cuda();
+#if defined(__x86_64__) && defined(__GNUC__)
+  return __builtin_cpu_supports("avx512bf16") != 0;
+#else
+  return false;
+#endif
+}
+
+torch::ScalarType ChooseType(Precision precision, const torch::Device& device) {
+  if (precision == Precision::kAuto) {
+    return ComputesBFloat16Faster(device) ? torch::kBFloat16 : torch::kFloat32;
+  }
+  return precision == Precision::kBFloat16 ? torch::kBFloat16 : torch::kFloat32;
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel loaded, const EngineOptions& options) {
+  const absl::StatusOr<torch::Device> device = ParseDevice(options.device);
+  if (!device.ok()) return device.status();
+  const int threads = options.compute_threads > 0 ? options.compute_threads
+                                                  : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  std::unique_ptr<TrackerModel> model;
+  try {
+    model = std::make_unique<TorchTrackerModel>(std::move(loaded), *device, ChooseType(options.precision, *device),
+                                                threads);
+  } catch (const std::exception&) {
+    return absl::ResourceExhaustedError(absl::StrCat("the network does not fit on ", options.device));
+  }
+  if (absl::Status status = WarmUp(*model, options); !status.ok()) return status;
+  return model;
+}
+
+}  // namespace holdfast

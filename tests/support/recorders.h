@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+// What sessions, streams and metrics were told, for tests to look at. Thread-safe.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
+#include "proto/point_tracker.h"
+#include "proto/types.h"
+#include "server/engine/engine.h"
+#include "server/engine/metrics.h"
+
+namespace holdfast {
+
+// The final estimates of one point by frame.
+struct FinalSample {
+  float x = 0;
+  float y = 0;
+  bool visible = false;
+  float confidence = 0;
+  friend bool operator==(const FinalSample& a, const FinalSample& b) {
+    return a.x == b.x && a.y == b.y && a.visible == b.visible && a.confidence == b.confidence;
+  }
+};
+using FinalTrack = std::map<int64_t, FinalSample>;
+
+// Updates, and how the session ended. Checks that runs are well-formed and that a point's runs follow each other:
+// every frame becomes final at most once.
+class UpdateRecorder {
+ public:
+  void Add(TrackUpdate update) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    EXPECT_FALSE(done_) << "an update after the end";
+    for (const PointRun& run : update.runs) AddRunLocked(run);
+    updates_.push_back(std::move(update));
+    changed_.SignalAll();
+  }
+  void Done(const absl::Status& status, const SessionSummary& summary) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    EXPECT_FALSE(done_) << "ended twice";
+    done_ = status;
+    summary_ = summary;
+    changed_.SignalAll();
+  }
+
+  absl::Status AwaitDone() ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    while (!done_) changed_.Wait(&mutex_);
+    return *done_;
+  }
+  // Until 'count' frames of the point are final.
+  void AwaitFinal(PointId id, size_t count) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    while (!done_ && finals_[id].size() < count) changed_.Wait(&mutex_);
+  }
+  void AwaitUpdates(size_t count) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    while (!done_ && updates_.size() < count) changed_.Wait(&mutex_);
+  }
+  bool done() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    return done_.has_value();
+  }
+  SessionSummary summary() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    return summary_;
+  }
+  FinalTrack Final(PointId id) const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    const auto it = finals_.find(id);
+    return it == finals_.end() ? FinalTrack() : it->second;
+  }
+  std::vector<TrackUpdate> updates() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    return updates_;
+  }
+
+ private:
+  void AddRunLocked(const PointRun& run) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    EXPECT_EQ(run.x.size(), run.y.size());
+    EXPECT_EQ(run.x.size(), run.visible.size());
+    EXPECT_EQ(run.x.size(), run.confidence.size());
+    EXPECT_LE(run.final_count, static_cast<int64_t>(run.x.size()));
+    EXPECT_FALSE(run.x.empty());
+    FinalTrack& track = finals_[run.id];
+    if (!track.empty()) {
+      EXPECT_GE(run.first_frame, track.rbegin()->first + 1);  // more than that only after re-seeding
+    }
+    for (int64_t i = 0; i < run.final_count; ++i) {
+      track[run.first_frame + i] = {run.x[i], run.y[i], run.visible[i] != 0, run.confidence[i]};
+    }
+  }
+
+  mutable absl::Mutex mutex_;
+  absl::CondVar changed_;
+  std::vector<TrackUpdate> updates_ ABSL_GUARDED_BY(mutex_);
+  std::map<PointId, FinalTrack> finals_ ABSL_GUARDED_BY(mutex_);
+  std::optional<absl::Status> done_ ABSL_GUARDED_BY(mutex_);
+  SessionSummary summary_ ABSL_GUARDED_BY(mutex_);
+};
+
+// Pushes frames as the session has room for them.
+class RecordingListener final : public SessionListener, public UpdateRecorder {
+ public:
+  void OnTracks(TrackUpdate update) override { Add(std::move(update)); }
+  void OnWarning(const absl::Status&) override {}
+  void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(room_mutex_) {
+    absl::MutexLock lock(&room_mutex_);
+    room_ = true;
+    room_changed_.SignalAll();
+  }
+  void OnDone(const absl::Status& status, const SessionSummary& summary) override {
+    Done(status, summary);
+    OnRoomForFrame();
+  }
+  // Waits for room first.
+  absl::StatusOr<Room> Push(EngineSession& session, Frame frame) ABSL_LOCKS_EXCLUDED(room_mutex_) {
+    {
+      absl::MutexLock lock(&room_mutex_);
+      while (!room_) room_changed_.Wait(&room_mutex_);
+      room_ = false;
+    }
+    const absl::StatusOr<Room> room = session.PushFrame(std::move(frame));
+    if (!room.ok() || *room == Room::kAvailable) OnRoomForFrame();
+    return room;
+  }
+
+ private:
+  absl::Mutex room_mutex_;
+  absl::CondVar room_changed_;
+  bool room_ ABSL_GUARDED_BY(room_mutex_) = true;
+};
+
+class RecordingObserver final : public TrackObserver, public UpdateRecorder {
+ public:
+  void OnAccepted(const SessionAccepted& accepted) override { accepted_ = accepted; }
+  void OnTracks(TrackUpdate update) override { Add(std::move(update)); }
+  void OnDone(const absl::Status& status, const SessionSummary& summary) override { Done(status, summary); }
+  // REQUIRES: the session is done.
+  const std::optional<SessionAccepted>& accepted() const { return accepted_; }
+
+ private:
+  std::optional<SessionAccepted> accepted_;
+};
+
+class RecordingMetrics final : public EngineMetrics {
+ public:
+  struct Totals {
+    int64_t opened = 0, rejected_sessions = 0, rejected_memory = 0;
+    std::map<SessionOutcome, int64_t> closed;
+    std::map<FrameResult, int64_t> frames;
+    std::map<Stage, int64_t> stages;
+    int64_t points = 0, rows = 0, batches = 0, max_batch_rows = 0;
+    int64_t cache_bytes = 0, max_cache_bytes = 0;
+    std::vector<absl::Duration> first, final;
+    std::vector<int64_t> lags;
+  };
+  Totals totals() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    return totals_;
+  }
+
+  // Until 'stage' was told of 'count' times.
+  void AwaitStage(Stage stage, int64_t count) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    while (totals_.stages[stage] < count) changed_.Wait(&mutex_);
+  }
+
+  void SessionOpened() override {
+    Update([](Totals& t) { ++t.opened; });
+  }
+  void SessionClosed(SessionOutcome outcome) override {
+    Update([=](Totals& t) { ++t.closed[outcome]; });
+  }
+  void AdmissionRejected(RejectReason reason) override {
+    Update([=](Totals& t) { ++(reason == RejectReason::kMemory ? t.rejected_memory : t.rejected_sessions); });
+  }
+  void PointsActive(int64_t delta) override {
+    Update([=](Totals& t) { t.points += delta; });
+  }
+  void FrameDone(FrameResult result) override {
+    Update([=](Totals& t) { ++t.frames[result]; });
+  }
+  void StageTook(Stage stage, absl::Duration) override {
+    Update([=](Totals& t) { ++t.stages[stage]; });
+  }
+  void FirstEstimate(absl::Duration since_arrival) override {
+    Update([=](Totals& t) { t.first.push_back(since_arrival); });
+  }
+  void FinalEstimate(absl::Duration since_arrival) override {
+    Update([=](Totals& t) { t.final.push_back(since_arrival); });
+  }
+  void SessionLag(int64_t frames) override {
+    Update([=](Totals& t) { t.lags.push_back(frames); });
+  }
+  void BatchRefined(int64_t rows, int64_t) override {
+    Update([=](Totals& t) {
+      ++t.batches;
+      t.rows += rows;
+      t.max_batch_rows = std::max(t.max_batch_rows, rows);
+    });
+  }
+  void CacheBytes(int64_t bytes) override {
+    Update([=](Totals& t) {
+      t.cache_bytes = bytes;
+      t.max_cache_bytes = std::max(t.max_cache_bytes, bytes);
+    });
+  }
+
+ private:
+  template <typename Change>
+  void Update(Change change) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    change(totals_);
+    changed_.SignalAll();
+  }
+  mutable absl::Mutex mutex_;
+  absl::CondVar changed_;
+  Totals totals_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace holdfast
