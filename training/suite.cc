@@ -18,7 +18,16 @@ Metrics Published(double delta_avg, double survival_50, double mte) {
   return metrics;
 }
 
-std::vector<PublishedResult> MakePaperResults() {
+std::vector<std::string> MakeRow(const std::string& title, const std::string& who, const std::string& size,
+                                 const Metrics& metrics) {
+  std::vector<std::string> row = {title, who, size};
+  for (const MetricColumn& column : MetricColumns()) row.push_back(FormatMetric(metrics.*column.value));
+  return row;
+}
+
+}  // namespace
+
+std::vector<PublishedResult> PaperResults() {
   std::vector<PublishedResult> results = {
       {"PointOdyssey (test)",
        "pointodyssey",
@@ -40,20 +49,6 @@ std::vector<PublishedResult> MakePaperResults() {
        Published(50.9, 83.0, 13.5)}};
   results[0].published.delta_vis = 36.3;
   results[0].published.delta_occ = 23.7;
-  return results;
-}
-
-std::vector<std::string> MakeRow(const std::string& title, const std::string& who, const std::string& size,
-                                 const Metrics& metrics) {
-  std::vector<std::string> row = {title, who, size};
-  for (const MetricColumn& column : MetricColumns()) row.push_back(FormatMetric(metrics.*column.value));
-  return row;
-}
-
-}  // namespace
-
-const std::vector<PublishedResult>& PaperResults() {
-  static const auto& results = *new std::vector<PublishedResult>(MakePaperResults());
   return results;
 }
 

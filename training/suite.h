@@ -19,7 +19,7 @@ struct PublishedResult {
   ImageSize processing_size;  // the paper's
   Metrics published;          // of the paper's model
 };
-const std::vector<PublishedResult>& PaperResults();
+std::vector<PublishedResult> PaperResults();
 
 struct SuiteRow {
   PublishedResult published;

@@ -37,7 +37,7 @@ std::vector<Report> Ours(double delta) {
 }
 
 TEST_F(SuiteTest, KnowsThePapersFigures) {
-  const std::vector<PublishedResult>& results = PaperResults();
+  const std::vector<PublishedResult> results = PaperResults();
   ASSERT_EQ(results.size(), 3u);
   EXPECT_EQ(results[0].published.delta_occ, 23.7);
   EXPECT_EQ(results[1].published.survival_50, 94.6);
