@@ -106,9 +106,8 @@ void AppendEstimates(const WindowEstimate& group, std::vector<RowEstimate>& esti
                       f4 = OnCpu(group.f4);
   for (int64_t row = 0; row < positions.size(0); ++row) {
     RowEstimate estimate;
-    estimate.positions.resize(positions.size(1));
-    std::memcpy(estimate.positions.data(), positions.data_ptr<float>() + row * positions.size(1) * 2,
-                estimate.positions.size() * sizeof(Position));
+    const std::vector<float> xy = RowOf(positions, row);
+    for (size_t i = 0; i < xy.size(); i += 2) estimate.positions.push_back({xy[i], xy[i + 1]});
     estimate.visibility_logit = RowOf(logit, row);
     estimate.similarity = RowOf(similarity, row);
     estimate.last_step = RowOf(last_step, row);
