@@ -139,7 +139,7 @@ absl::StatusOr<ServerOptions> OptionsFromFlags() {
   return options;
 }
 
-absl::StatusOr<ServerOptions> ParseOptions(int argc, char** argv) {
+void DescribeProgram() {
   absl::SetProgramUsageMessage(
       "Tracks points in streamed video over gRPC. Every flag can also be set by an environment variable, "
       "HOLDFAST_MAX_SESSIONS for --max_sessions; the command line wins.");
@@ -148,6 +148,9 @@ absl::StatusOr<ServerOptions> ParseOptions(int argc, char** argv) {
   usage.contains_helpshort_flags = IsOurs;
   usage.version_string = [] { return std::string("holdfast-server " HOLDFAST_VERSION "\n"); };
   absl::SetFlagsUsageConfig(usage);
+}
+
+absl::StatusOr<ServerOptions> ParseOptions(int argc, char** argv) {
   const absl::Status environment =
       SetFlagsFromEnvironment([](const std::string& name) { return std::getenv(name.c_str()); });
   if (!environment.ok()) return environment;

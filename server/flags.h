@@ -18,6 +18,9 @@ absl::Status SetFlagsFromEnvironment(const std::function<const char*(const std::
 // What the flags say now, checked.
 absl::StatusOr<ServerOptions> OptionsFromFlags();
 
+// What --help and --version say. Call it once, before ParseOptions.
+void DescribeProgram();
+
 // The environment, then the command line, which wins. Exits on --help and on flags that do not exist.
 absl::StatusOr<ServerOptions> ParseOptions(int argc, char** argv);
 

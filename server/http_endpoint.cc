@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 
 namespace holdfast {
 namespace {
@@ -20,26 +21,11 @@ struct Answer {
 constexpr char kText[] = "text/plain; charset=utf-8";
 constexpr char kMetricsText[] = "text/plain; version=0.0.4; charset=utf-8";
 
-class Handler final : public CivetHandler {
- public:
-  explicit Handler(std::function<Answer()> answer) : answer_(std::move(answer)) {}
-
-  bool handleGet(CivetServer*, mg_connection* connection) override {
-    const Answer answer = answer_();
-    const std::string head = absl::StrCat("HTTP/1.1 ", answer.code,
-                                          answer.code == 200   ? " OK"
-                                          : answer.code == 404 ? " Not Found"
-                                                               : " Service Unavailable",
-                                          "\r\nContent-Type: ", answer.content_type,
-                                          "\r\nContent-Length: ", answer.body.size(), "\r\nConnection: close\r\n\r\n");
-    mg_write(connection, head.data(), head.size());
-    mg_write(connection, answer.body.data(), answer.body.size());
-    return true;
-  }
-
- private:
-  const std::function<Answer()> answer_;
-};
+std::string Head(const Answer& answer) {
+  const char* reason = answer.code == 200 ? "OK" : answer.code == 404 ? "Not Found" : "Service Unavailable";
+  return absl::StrCat("HTTP/1.1 ", answer.code, " ", reason, "\r\nContent-Type: ", answer.content_type,
+                      "\r\nContent-Length: ", answer.body.size(), "\r\nConnection: close\r\n\r\n");
+}
 
 std::vector<std::string> CivetOptions(const std::string& address) {
   return {"listening_ports", address, "num_threads", "2", "request_timeout_ms", "10000", "enable_keep_alive", "no"};
@@ -47,36 +33,33 @@ std::vector<std::string> CivetOptions(const std::string& address) {
 
 }  // namespace
 
-class HttpEndpoint::Impl {
+class HttpEndpoint::Impl final : private CivetHandler {
  public:
   // Throws CivetException when it cannot listen.
-  Impl(const std::string& address, Handlers handlers)
-      : metrics_([f = std::move(handlers.metrics)] {
-          return Answer{200, kMetricsText, f()};
-        }),
-        alive_([] {
-          return Answer{200, kText, "ok\n"};
-        }),
-        ready_([f = std::move(handlers.ready)] {
-          return f() ? Answer{200, kText, "ready\n"} : Answer{503, kText, "not ready\n"};
-        }),
-        nothing_([] {
-          return Answer{404, kText, "not found\n"};
-        }),
-        server_(CivetOptions(address)) {
-    server_.addHandler("/", nothing_);
-    server_.addHandler("/metrics$", metrics_);
-    server_.addHandler("/healthz$", alive_);
-    server_.addHandler("/readyz$", ready_);
+  Impl(const std::string& address, Handlers handlers) : handlers_(std::move(handlers)), server_(CivetOptions(address)) {
+    server_.addHandler("/", *this);  // and everything below
   }
 
   int port() { return server_.getListeningPorts().front(); }
 
  private:
-  Handler metrics_;
-  Handler alive_;
-  Handler ready_;
-  Handler nothing_;
+  bool handleGet(CivetServer*, mg_connection* connection) override {
+    const Answer answer = AnswerTo(absl::NullSafeStringView(mg_get_request_info(connection)->local_uri));
+    const std::string head = Head(answer);
+    mg_write(connection, head.data(), head.size());
+    mg_write(connection, answer.body.data(), answer.body.size());
+    return true;
+  }
+
+  Answer AnswerTo(absl::string_view path) const {
+    if (path == "/metrics") return {200, kMetricsText, handlers_.metrics()};
+    if (path == "/healthz") return {200, kText, "ok\n"};
+    if (path != "/readyz") return {404, kText, "not found\n"};
+    if (handlers_.ready()) return {200, kText, "ready\n"};
+    return {503, kText, "not ready\n"};
+  }
+
+  const Handlers handlers_;
   CivetServer server_;  // last: its threads use the handlers
 };
 

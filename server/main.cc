@@ -59,6 +59,7 @@ absl::Status Run(const ServerOptions& options, const TerminationSignals& signals
 }
 
 int Main(int argc, char** argv) {
+  DescribeProgram();
   const absl::StatusOr<ServerOptions> options = ParseOptions(argc, argv);
   if (!options.ok()) {
     std::cerr << "holdfast-server: " << options.status().message() << "\n";

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "proto/convert.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "proto/errors.h"
+#include "tests/support/status_matchers.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using ::testing::SizeIs;
+
+std::vector<std::string> Fields(const absl::Status& status) {
+  std::vector<std::string> fields;
+  for (const FieldViolation& violation : FieldViolations(status)) fields.push_back(violation.field);
+  return fields;
+}
+
+v1::SessionConfig GoodConfig() {
+  SessionConfig config;
+  config.points = {{1, 2, 3}, {4, 5, 6}};
+  return ToProto(config);
+}
+
+TEST(ConvertTest, ConfigSurvivesTheRoundTrip) {
+  SessionConfig config;
+  config.encoding = FrameEncoding::kBgr24;
+  config.raw_size = {641, 479};
+  config.processing_size = {512, 384};
+  config.hop_frames = 5;
+  config.iterations = 6;
+  config.send_provisional = false;
+  config.points = {{~PointId{0}, 1.5F, 2.25F}, {0, 0, 0}};
+  config.label = "camera 3";
+  const absl::StatusOr<SessionConfig> back = FromProto(ToProto(config));
+  ASSERT_THAT(back, IsOk());
+  EXPECT_EQ(back->encoding, config.encoding);
+  EXPECT_EQ(back->raw_size, config.raw_size);
+  EXPECT_EQ(back->processing_size, config.processing_size);
+  EXPECT_EQ(back->hop_frames, 5);
+  EXPECT_EQ(back->iterations, 6);
+  EXPECT_FALSE(back->send_provisional);
+  ASSERT_THAT(back->points, SizeIs(2));
+  EXPECT_EQ(back->points[0].id, ~PointId{0});
+  EXPECT_EQ(back->points[0].x, 1.5F);
+  EXPECT_EQ(back->points[0].y, 2.25F);
+  EXPECT_EQ(back->label, "camera 3");
+}
+
+TEST(ConvertTest, EveryEncodingSurvivesTheRoundTrip) {
+  for (const FrameEncoding encoding : {FrameEncoding::kJpeg, FrameEncoding::kPng, FrameEncoding::kRgb24,
+                                       FrameEncoding::kBgr24, FrameEncoding::kGray8}) {
+    SessionConfig config;
+    config.encoding = encoding;
+    if (IsRaw(encoding)) config.raw_size = {8, 8};
+    const auto back = FromProto(ToProto(config));
+    ASSERT_THAT(back, IsOk());
+    EXPECT_EQ(back->encoding, encoding);
+  }
+}
+
+TEST(ConvertTest, EveryWrongFieldOfAConfigIsNamed) {
+  const auto fields_of = [](auto spoil) {
+    v1::SessionConfig config = GoodConfig();
+    spoil(config);
+    return Fields(FromProto(config).status());
+  };
+  EXPECT_THAT(fields_of([](auto& c) { c.clear_encoding(); }), ElementsAre("config.encoding"));
+  EXPECT_THAT(fields_of([](auto& c) { c.set_encoding(static_cast<v1::FrameEncoding>(99)); }),
+              ElementsAre("config.encoding"));
+  EXPECT_THAT(fields_of([](auto& c) { c.set_encoding(v1::FRAME_ENCODING_RGB24); }), ElementsAre("config.raw_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_raw_size()->set_width(8); }), ElementsAre("config.raw_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_processing_size()->set_width(512); }),
+              ElementsAre("config.processing_size"));
+  EXPECT_THAT(fields_of([](auto& c) {
+                c.mutable_processing_size()->set_width(500);
+                c.mutable_processing_size()->set_height(384);
+              }),
+              ElementsAre("config.processing_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.set_hop_frames(4'000'000'000); }), ElementsAre("config.hop_frames"));
+  EXPECT_THAT(fields_of([](auto& c) { c.set_iterations(4'000'000'000); }), ElementsAre("config.iterations"));
+  EXPECT_THAT(fields_of([](auto& c) { c.set_label(std::string(129, 'x')); }), ElementsAre("config.label"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(1)->set_x(std::nanf("")); }), ElementsAre("config.points[1].x"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(0)->set_y(std::numeric_limits<float>::infinity()); }),
+              ElementsAre("config.points[0].y"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(0)->set_x(-1); }), ElementsAre("config.points[0].x"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(1)->set_id(c.points(0).id()); }),
+              ElementsAre("config.points[1].id"));
+}
+
+TEST(ConvertTest, SeveralMistakesAreReportedTogetherButNotWithoutEnd) {
+  v1::SessionConfig config = GoodConfig();
+  config.clear_encoding();
+  config.set_label(std::string(200, 'x'));
+  EXPECT_THAT(Fields(FromProto(config).status()), ElementsAre("config.encoding", "config.label"));
+  for (int i = 0; i < 1000; ++i) config.add_points()->set_x(std::nanf(""));
+  EXPECT_THAT(FieldViolations(FromProto(config).status()), SizeIs(8));
+}
+
+TEST(ConvertTest, FrameSurvivesTheRoundTrip) {
+  Frame frame;
+  frame.index = 12;
+  frame.bytes = std::string("\0\xff jpeg", 7);
+  frame.capture_time = absl::FromUnixNanos(-1'500'000'001);
+  frame.points = {{9, 1, 2}};
+  const auto back = FromProto(ToProto(frame));
+  ASSERT_THAT(back, IsOk());
+  EXPECT_EQ(back->index, 12);
+  EXPECT_EQ(back->bytes, frame.bytes);
+  EXPECT_EQ(back->capture_time, frame.capture_time);
+  ASSERT_THAT(back->points, SizeIs(1));
+  EXPECT_EQ(back->points[0].id, 9U);
+}
+
+TEST(ConvertTest, WrongFieldsOfAFrameAreNamed) {
+  v1::Frame frame = ToProto(Frame{0, "x", {}, {{1, 1, 1}, {1, 1, 1}}});
+  frame.mutable_capture_time()->set_nanos(-1);
+  frame.clear_data();
+  EXPECT_THAT(Fields(FromProto(std::move(frame)).status()),
+              ElementsAre("frame.capture_time", "frame.points[1].id", "frame.data"));
+}
+
+TEST(ConvertTest, PointsToAddAndRemoveSurviveTheRoundTrip) {
+  const auto added = FromProto(AddPointsToProto({{1, 2, 3}}));
+  ASSERT_THAT(added, IsOk());
+  EXPECT_EQ(added->front().y, 3);
+  EXPECT_THAT(FromProto(RemovePointsToProto({5, 6})), ElementsAre(5U, 6U));
+  EXPECT_THAT(Fields(FromProto(AddPointsToProto({{1, std::nanf(""), 3}})).status()),
+              Contains("add_points.points[0].x"));
+}
+
+TEST(ConvertTest, ResultsSurviveTheRoundTrip) {
+  TrackUpdate update;
+  update.runs = {{3, 100, {1, 2}, {3, 4}, {1, 0}, {0.5F, 0.25F}, 1}};
+  update.frames_received = 110;
+  update.frames_processed = 102;
+  const auto back = FromProto(ToProto(update));
+  ASSERT_THAT(back, IsOk());
+  ASSERT_THAT(back->runs, SizeIs(1));
+  const PointRun& run = back->runs[0];
+  EXPECT_EQ(run.id, 3U);
+  EXPECT_EQ(run.first_frame, 100);
+  EXPECT_THAT(run.x, ElementsAre(1, 2));
+  EXPECT_THAT(run.y, ElementsAre(3, 4));
+  EXPECT_THAT(run.visible, ElementsAre(1, 0));
+  EXPECT_THAT(run.confidence, ElementsAre(0.5F, 0.25F));
+  EXPECT_EQ(run.final_count, 1);
+  EXPECT_EQ(back->frames_received, 110);
+  EXPECT_EQ(back->frames_processed, 102);
+}
+
+TEST(ConvertTest, RunsOfUnequalLengthsAreRefused) {
+  v1::Tracks tracks = ToProto(TrackUpdate{{{3, 0, {1}, {1}, {1}, {1}, 1}}, 1, 1});
+  tracks.mutable_runs(0)->add_y(5);
+  EXPECT_THAT(FromProto(tracks), StatusIs(absl::StatusCode::kInternal));
+  tracks.mutable_runs(0)->mutable_y()->RemoveLast();
+  EXPECT_THAT(FromProto(tracks), IsOk());
+  tracks.mutable_runs(0)->set_final_count(2);
+  EXPECT_THAT(FromProto(tracks), StatusIs(absl::StatusCode::kInternal));
+}
+
+TEST(ConvertTest, AcceptedSummaryAndInfoSurviveTheRoundTrip) {
+  const SessionLimits limits{10, int64_t{5} << 32, 1000, 77};
+  const auto accepted = FromProto(ToProto(SessionAccepted{"id", {512, 384}, 8, 4, 24, limits}));
+  ASSERT_THAT(accepted, IsOk());
+  EXPECT_EQ(accepted->session_id, "id");
+  EXPECT_EQ(accepted->processing_size, (ImageSize{512, 384}));
+  EXPECT_EQ(accepted->hop_frames, 8);
+  EXPECT_EQ(accepted->window_frames, 24);
+  EXPECT_EQ(accepted->limits.max_frame_bytes, int64_t{5} << 32);
+  EXPECT_EQ(accepted->limits.max_frames, 77);
+
+  const SessionSummary summary = FromProto(ToProto(SessionSummary{1, 2, 3}));
+  EXPECT_EQ(summary.frames, 1);
+  EXPECT_EQ(summary.points, 2);
+  EXPECT_EQ(summary.final_samples, 3);
+
+  TrackerInfo info{"m", "p", "sha", "float32", "cpu", "0.1", {64, 32}, 24, 8, 4, 16, limits};
+  const auto back = FromProto(ToProto(info));
+  ASSERT_THAT(back, IsOk());
+  EXPECT_EQ(back->model_name, "m");
+  EXPECT_EQ(back->weights_sha256, "sha");
+  EXPECT_EQ(back->default_processing_size, (ImageSize{64, 32}));
+  EXPECT_EQ(back->max_sessions, 16);
+  EXPECT_EQ(back->limits.max_points, 10);
+}
+
+TEST(ConvertTest, AnAcceptanceThatMakesNoSenseIsRefused) {
+  EXPECT_THAT(FromProto(v1::SessionAccepted()), StatusIs(absl::StatusCode::kInternal));
+  EXPECT_THAT(FromProto(ToProto(SessionAccepted{"id", {32, 32}, 24, 4, 24, {}})),
+              StatusIs(absl::StatusCode::kInternal));
+  EXPECT_THAT(FromProto(v1::GetServerInfoResponse()), StatusIs(absl::StatusCode::kInternal));
+}
+
+}  // namespace
+}  // namespace holdfast

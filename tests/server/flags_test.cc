@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/flags.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "absl/flags/reflection.h"
+#include "tests/support/status_matchers.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ExitedWithCode;
+using ::testing::HasSubstr;
+
+using Variables = std::map<std::string, std::string>;
+
+class FlagsTest : public ::testing::Test {
+ protected:
+  static absl::StatusOr<ServerOptions> OptionsWith(const Variables& variables) {
+    const absl::Status status = SetFlagsFromEnvironment([&](const std::string& name) -> const char* {
+      const auto found = variables.find(name);
+      return found == variables.end() ? nullptr : found->second.c_str();
+    });
+    if (!status.ok()) return status;
+    return OptionsFromFlags();
+  }
+  absl::FlagSaver saver_;
+};
+
+TEST_F(FlagsTest, DefaultsAreValid) {
+  const auto options = OptionsWith({});
+  ASSERT_THAT(options, IsOk());
+  EXPECT_EQ(options->listen, "[::]:50051");
+  EXPECT_EQ(options->metrics_listen, "0.0.0.0:9464");
+  EXPECT_EQ(options->engine.processing_size, (ImageSize{512, 384}));
+  EXPECT_GE(options->engine.limits.max_frame_pixels, 3840 * 2160);
+  EXPECT_EQ(options->engine.cache_budget_bytes, int64_t{4} << 30);
+}
+
+TEST_F(FlagsTest, EveryKindOfFlagComesFromTheEnvironmentToo) {
+  const auto options = OptionsWith({{"HOLDFAST_LISTEN", "0.0.0.0:1"},
+                                    {"HOLDFAST_MAX_SESSIONS", "3"},
+                                    {"HOLDFAST_MAX_FRAME_MIB", "2"},
+                                    {"HOLDFAST_MAX_FRAME_MEGAPIXELS", "0.5"},
+                                    {"HOLDFAST_MAX_SESSION_FRAMES", "1000"},
+                                    {"HOLDFAST_CACHE_MIB", "10000"},
+                                    {"HOLDFAST_PROCESSING_SIZE", "640x480"},
+                                    {"HOLDFAST_PRECISION", "bfloat16"},
+                                    {"HOLDFAST_IDLE_TIMEOUT", "90s"},
+                                    {"HOLDFAST_MAX_CONNECTION_AGE", "1h"},
+                                    {"HOLDFAST_LOG_FORMAT", "json"}});
+  ASSERT_THAT(options, IsOk());
+  EXPECT_EQ(options->listen, "0.0.0.0:1");
+  EXPECT_EQ(options->engine.max_sessions, 3);
+  EXPECT_EQ(options->engine.limits.max_frame_bytes, 2 << 20);
+  EXPECT_EQ(options->engine.limits.max_frame_pixels, 500'000);
+  EXPECT_EQ(options->engine.limits.max_frames, 1000);
+  EXPECT_EQ(options->engine.cache_budget_bytes, int64_t{10000} << 20);
+  EXPECT_EQ(options->engine.processing_size, (ImageSize{640, 480}));
+  EXPECT_EQ(options->engine.precision, Precision::kBFloat16);
+  EXPECT_EQ(options->idle_timeout, absl::Seconds(90));
+  EXPECT_EQ(options->max_connection_age, absl::Hours(1));
+  EXPECT_EQ(options->log_format, LogFormat::kJson);
+}
+
+TEST_F(FlagsTest, VariablesThatNameNoFlagAreLeftAlone) {
+  EXPECT_THAT(OptionsWith({{"HOLDFAST_PORT", "tcp://10.0.0.1:50051"}, {"HOLDFAST_SERVICE_HOST", "10.0.0.1"}}), IsOk());
+}
+
+TEST_F(FlagsTest, ABadVariableIsNamedWithItsValue) {
+  EXPECT_THAT(
+      OptionsWith({{"HOLDFAST_MAX_SESSIONS", "many"}}),
+      StatusIs(absl::StatusCode::kInvalidArgument, AllOf(HasSubstr("HOLDFAST_MAX_SESSIONS"), HasSubstr("many"))));
+}
+
+TEST_F(FlagsTest, ValuesThatCannotBeAreRefusedByName) {
+  const std::vector<std::pair<std::string, std::string>> wrong = {
+      {"processing_size", "512"}, {"processing_size", "0x384"}, {"precision", "float64"}, {"log_format", "xml"},
+      {"log_level", "loud"},      {"idle_timeout", "0s"},       {"grace_period", "-1s"},  {"listen", ""},
+      {"keepalive_time", "-inf"}, {"metrics_listen", ""},
+  };
+  for (const auto& [flag, value] : wrong) {
+    absl::FlagSaver saver;
+    std::string variable = "HOLDFAST_" + flag;
+    for (char& c : variable) c = static_cast<char>(toupper(c));
+    EXPECT_THAT(OptionsWith({{variable, value}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(flag)))
+        << value;
+  }
+}
+
+absl::StatusOr<ServerOptions> Parse(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "holdfast-server");
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  return ParseOptions(static_cast<int>(argv.size()), argv.data());
+}
+
+TEST_F(FlagsTest, TheCommandLineWinsOverTheEnvironment) {
+  ASSERT_EQ(setenv("HOLDFAST_MAX_SESSIONS", "5", 1), 0);
+  ASSERT_EQ(setenv("HOLDFAST_MAX_POINTS", "6", 1), 0);
+  const auto options = Parse({"--max_sessions=9"});
+  unsetenv("HOLDFAST_MAX_SESSIONS");
+  unsetenv("HOLDFAST_MAX_POINTS");
+  ASSERT_THAT(options, IsOk());
+  EXPECT_EQ(options->engine.max_sessions, 9);
+  EXPECT_EQ(options->engine.limits.max_points, 6);
+}
+
+TEST_F(FlagsTest, StrayArgumentsAreRefused) {
+  EXPECT_THAT(Parse({"video.mp4"}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("video.mp4")));
+}
+
+TEST(FlagsDeathTest, UnknownFlagsStopTheStart) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT((void)Parse({"--max_sesions=9"}), ExitedWithCode(1), "max_sesions");
+}
+
+}  // namespace
+}  // namespace holdfast

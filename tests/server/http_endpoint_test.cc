@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/http_endpoint.h"
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "tests/support/status_matchers.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+// The whole answer to a request on the loopback device.
+std::string Get(int port, const std::string& path) {
+  const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<uint16_t>(port));
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  if (connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)) != 0) return "no connection";
+  const std::string request = absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  (void)!send(fd, request.data(), request.size(), MSG_NOSIGNAL);
+  std::string answer;
+  char buffer[4096];
+  for (ssize_t n; (n = recv(fd, buffer, sizeof(buffer), 0)) > 0;) answer.append(buffer, static_cast<size_t>(n));
+  close(fd);
+  return answer;
+}
+
+class HttpEndpointTest : public ::testing::Test {
+ protected:
+  std::atomic<bool> ready_{false};
+  std::unique_ptr<HttpEndpoint> endpoint_ =
+      *HttpEndpoint::Start("127.0.0.1:0", {[] { return std::string("metric 1\n"); }, [this] { return ready_.load(); }});
+};
+
+TEST_F(HttpEndpointTest, BindsAFreePort) { EXPECT_GT(endpoint_->port(), 0); }
+
+TEST_F(HttpEndpointTest, ServesMetrics) {
+  EXPECT_THAT(
+      Get(endpoint_->port(), "/metrics"),
+      AllOf(StartsWith("HTTP/1.1 200 OK"), HasSubstr("text/plain; version=0.0.4"), EndsWith("\r\n\r\nmetric 1\n")));
+}
+
+TEST_F(HttpEndpointTest, IsReadyOnlyWhileTheServerServes) {
+  EXPECT_THAT(Get(endpoint_->port(), "/healthz"), StartsWith("HTTP/1.1 200"));
+  EXPECT_THAT(Get(endpoint_->port(), "/readyz"), StartsWith("HTTP/1.1 503 Service Unavailable"));
+  ready_ = true;
+  EXPECT_THAT(Get(endpoint_->port(), "/readyz"), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(HttpEndpointTest, KnowsNothingElse) {
+  for (const char* path : {"/", "/metrics/x", "/metricsx", "/etc/passwd", "/../etc/passwd"}) {
+    EXPECT_THAT(Get(endpoint_->port(), path), ::testing::ContainsRegex("^HTTP/1.1 40[04]")) << path;
+  }
+}
+
+TEST_F(HttpEndpointTest, APortInUseIsAnError) {
+  EXPECT_THAT(HttpEndpoint::Start(absl::StrCat("127.0.0.1:", endpoint_->port()), {}),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("cannot listen on")));
+}
+
+}  // namespace
+}  // namespace holdfast

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/prometheus_metrics.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <thread>
+#include <vector>
+
+#include "server/process_stats.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(PrometheusMetricsTest, EveryFamilyIsThereFromTheStart) {
+  PrometheusMetrics metrics;
+  metrics.ModelLoaded({});
+  const std::string text = metrics.Text();
+  for (const char* family :
+       {"holdfast_sessions_active gauge", "holdfast_sessions_total counter", "holdfast_points_active gauge",
+        "holdfast_frames_total counter", "holdfast_stage_seconds histogram", "holdfast_frame_latency_seconds histogram",
+        "holdfast_final_latency_seconds histogram", "holdfast_session_lag_frames histogram",
+        "holdfast_batch_rows histogram", "holdfast_refine_iterations histogram",
+        "holdfast_admission_rejected_total counter", "holdfast_cache_bytes gauge", "holdfast_model_info gauge",
+        "holdfast_build_info gauge", "process_cpu_seconds_total counter", "process_resident_memory_bytes gauge",
+        "process_open_fds gauge", "process_start_time_seconds gauge"}) {
+    EXPECT_THAT(text, HasSubstr(std::string("# TYPE ") + family + "\n"));
+  }
+  EXPECT_THAT(text, HasSubstr("holdfast_sessions_total{outcome=\"failed\"} 0"));
+  EXPECT_THAT(text, HasSubstr("holdfast_stage_seconds_count{stage=\"emit\"} 0"));
+}
+
+TEST(PrometheusMetricsTest, EveryEventIsCounted) {
+  PrometheusMetrics metrics;
+  metrics.SessionOpened();
+  metrics.SessionOpened();
+  metrics.SessionClosed(SessionOutcome::kFailed);
+  metrics.AdmissionRejected(RejectReason::kMemory);
+  metrics.StreamRefused(RefusalReason::kDraining);
+  metrics.PointsActive(5);
+  metrics.PointsActive(-2);
+  metrics.FrameDone(FrameResult::kRejected);
+  metrics.StageTook(Stage::kRefine, absl::Milliseconds(250));
+  metrics.FirstEstimate(absl::Seconds(1));
+  metrics.FinalEstimate(absl::Seconds(2));
+  metrics.SessionLag(3);
+  metrics.BatchRefined(64, 4);
+  metrics.CacheBytes(1000);
+  const std::string text = metrics.Text();
+  for (const char* line :
+       {"holdfast_sessions_active 1\n", "holdfast_sessions_total{outcome=\"failed\"} 1\n",
+        "holdfast_admission_rejected_total{reason=\"memory\"} 1\n",
+        "holdfast_admission_rejected_total{reason=\"draining\"} 1\n", "holdfast_points_active 3\n",
+        "holdfast_frames_total{result=\"rejected\"} 1\n", "holdfast_stage_seconds_sum{stage=\"refine\"} 0.25\n",
+        "holdfast_stage_seconds_bucket{stage=\"refine\",le=\"0.1\"} 0\n", "holdfast_frame_latency_seconds_sum 1\n",
+        "holdfast_final_latency_seconds_sum 2\n", "holdfast_session_lag_frames_sum 3\n", "holdfast_batch_rows_sum 64\n",
+        "holdfast_refine_iterations_sum 4\n", "holdfast_cache_bytes 1000\n"}) {
+    EXPECT_THAT(text, HasSubstr(line));
+  }
+}
+
+TEST(PrometheusMetricsTest, SaysWhatIsLoaded) {
+  PrometheusMetrics metrics;
+  TrackerInfo info;
+  info.model_name = "pips";
+  info.precision = "float32";
+  metrics.ModelLoaded(info);
+  EXPECT_THAT(metrics.Text(), ::testing::ContainsRegex("holdfast_model_info\\{.*name=\"pips\".*\\} 1\n"));
+}
+
+TEST(PrometheusMetricsTest, MayBeReadWhileEventsCome) {
+  PrometheusMetrics metrics;
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 2; ++i) {
+    threads.emplace_back([&] {
+      for (int n = 0; n < 500; ++n) metrics.FrameDone(FrameResult::kTracked);
+    });
+  }
+  for (int n = 0; n < 20; ++n) EXPECT_THAT(metrics.Text(), HasSubstr("holdfast_frames_total"));
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_THAT(metrics.Text(), HasSubstr("holdfast_frames_total{result=\"tracked\"} 1000\n"));
+}
+
+TEST(ProcessStatsTest, AreThoseOfThisProcess) {
+  const ProcessStats stats = ReadProcessStats();
+  EXPECT_GT(stats.resident_bytes, 1 << 20);
+  EXPECT_GT(stats.virtual_bytes, stats.resident_bytes);
+  EXPECT_GE(stats.open_fds, 3);
+  EXPECT_GE(stats.max_fds, stats.open_fds);
+  EXPECT_GE(stats.cpu_seconds, 0);
+  EXPECT_GT(stats.start_time_seconds, 1e9);
+}
+
+}  // namespace
+}  // namespace holdfast
