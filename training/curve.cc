@@ -15,7 +15,7 @@ Curve Curve::Random(Rng& rng, int knots, double amplitude, double duration) {
 Curve Curve::Wander(Rng& rng, double max_amplitude, double duration) {
   constexpr double kUsualDuration = 24;  // frames; longer clips turn more often, not more slowly
   const int turns = static_cast<int>(rng.Integer(1, 4));
-  const double amplitude = rng.Uniform() * max_amplitude * 2 / (turns + 1);
+  const double amplitude = rng.Uniform(0.2, 1) * max_amplitude * 2 / (turns + 1);
   return Random(rng, 1 + turns * static_cast<int>(std::ceil(duration / kUsualDuration)), amplitude, duration);
 }
 

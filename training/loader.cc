@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <exception>
 #include <map>
 #include <thread>
 #include <utility>
@@ -48,7 +49,7 @@ class BatchMaker {
     size_t index = draw % dataset_.size();
     absl::Status failure;
     for (int attempt = 0; attempt < options_.max_attempts; ++attempt) {
-      absl::StatusOr<Sample> sample = dataset_.Get(index, rng);
+      absl::StatusOr<Sample> sample = Get(index, rng);
       if (sample.ok()) return sample;
       failure = sample.status();
       CountSkip(failure);
@@ -56,6 +57,15 @@ class BatchMaker {
     }
     return absl::Status(failure.code(), absl::StrCat(options_.max_attempts,
                                                      " samples in a row are unusable; the last: ", failure.message()));
+  }
+
+  // Nothing a library throws over a damaged file may end a worker thread.
+  absl::StatusOr<Sample> Get(size_t index, Rng& rng) const {
+    try {
+      return dataset_.Get(index, rng);
+    } catch (const std::exception& e) {
+      return absl::DataLossError(absl::StrCat("sample ", index, ": ", e.what()));
+    }
   }
 
   void CountSkip(const absl::Status& failure) ABSL_LOCKS_EXCLUDED(mutex_) {

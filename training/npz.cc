@@ -94,8 +94,8 @@ absl::Status ParseShape(HeaderText& text, NpyHeader& header) {
     if (*size > 0 && values > kMaxValues / *size) return Damaged("the shape is too large");
     values *= std::max<int64_t>(*size, 1);
     header.shape.push_back(*size);
-    if (!text.Take(',') && !text.Take(')')) return Damaged("the shape has no end");
     if (text.Take(')')) break;
+    if (!text.Take(',')) return Damaged("the shape has no end");
   }
   return absl::OkStatus();
 }

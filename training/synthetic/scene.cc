@@ -18,7 +18,7 @@ class SceneMaker {
         textures_(library, options.picture_share, rng),
         duration_(static_cast<double>(options.frames - 1)) {
     // Slow clips are as likely as fast ones, on a logarithmic scale.
-    const double speed = std::exp(rng.Uniform(std::log(0.15), 0));
+    const double speed = std::exp(rng.Uniform(std::log(0.25), 0));
     speed_ = rng.Chance(options.still_share) ? 0 : motion * speed;
     scene_.size = {options.width, options.height};
   }
@@ -113,7 +113,7 @@ absl::Status SceneMaker::AddBackground() {
 
 absl::StatusOr<Layer> SceneMaker::NewObject() {
   const double frame_side = std::min(scene_.size.width, scene_.size.height);
-  const int side = std::max(16, static_cast<int>(frame_side * std::exp(rng_.Uniform(std::log(0.15), std::log(0.7)))));
+  const int side = std::max(16, static_cast<int>(frame_side * std::exp(rng_.Uniform(std::log(0.15), std::log(0.8)))));
   absl::StatusOr<cv::Mat> texture = textures_.Object(side);
   if (!texture.ok()) return texture.status();
   Layer layer;

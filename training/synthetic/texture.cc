@@ -130,7 +130,7 @@ void AddGrain(cv::Mat& picture, Rng& rng) {
   cv::Mat grain = NoiseOctave(picture.size(), rng.Uniform(2, 5), rng), grain8, grain24;
   grain.convertTo(grain8, CV_8U, 64, 128);
   cv::cvtColor(grain8, grain24, cv::COLOR_GRAY2RGB);
-  const double weight = rng.Uniform(0, 0.8);
+  const double weight = rng.Uniform(0, 0.5);
   cv::addWeighted(picture, 1, grain24, weight, -128 * weight, picture);
 }
 

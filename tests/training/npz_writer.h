@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// Makes .npy and .npz files as NumPy does, for tests of their readers.
+#pragma once
+
+#include <gtest/gtest.h>
+#include <zip.h>
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace holdfast {
+
+// Magic, version 1.0, and the dictionary padded with spaces to a multiple of 64 bytes, as numpy.save writes it.
+inline std::string NpyHeaderBytes(const std::string& dictionary) {
+  std::string text = dictionary;
+  while ((10 + text.size() + 1) % 64 != 0) text += ' ';
+  text += '\n';
+  std::string bytes("\x93NUMPY\x01\x00", 8);
+  bytes += static_cast<char>(text.size() & 0xFF);
+  bytes += static_cast<char>(text.size() >> 8);
+  return bytes + text;
+}
+
+inline std::string NpyDictionary(const std::string& type, const std::vector<int64_t>& shape) {
+  std::string sizes;
+  for (size_t i = 0; i < shape.size(); ++i) sizes += (i > 0 ? ", " : "") + std::to_string(shape[i]);
+  if (shape.size() == 1) sizes += ",";
+  return "{'descr': '" + type + "', 'fortran_order': False, 'shape': (" + sizes + "), }";
+}
+
+template <typename T>
+std::string NpyBytes(const std::string& type, const std::vector<int64_t>& shape, const std::vector<T>& values) {
+  std::string bytes = NpyHeaderBytes(NpyDictionary(type, shape));
+  return bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+}
+
+// An archive as numpy.savez_compressed makes it: deflated entries "<name>.npy".
+inline void WriteNpz(const std::string& path, const std::vector<std::pair<std::string, std::string>>& arrays) {
+  int error = 0;
+  zip_t* archive = zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &error);
+  ASSERT_NE(archive, nullptr);
+  for (const auto& [name, bytes] : arrays) {
+    zip_source_t* source = zip_source_buffer(archive, bytes.data(), bytes.size(), 0);
+    ASSERT_GE(zip_file_add(archive, (name + ".npy").c_str(), source, ZIP_FL_ENC_UTF_8), 0);
+  }
+  ASSERT_EQ(zip_close(archive), 0);
+}
+
+}  // namespace holdfast
