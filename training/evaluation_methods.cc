@@ -15,10 +15,10 @@ namespace holdfast {
 namespace {
 
 std::string NetworkName(const TrackerInfo& info, Chaining chaining) {
-  return absl::StrCat("holdfast ", info.preset, " (weights ", info.weights_sha256.substr(0, 12), ", ",
-                      info.default_iterations, " iterations, hop ", info.default_hop_frames,
-                      chaining == Chaining::kPublished ? ", published chaining, " : ", ", info.precision, " on ",
-                      info.device, ")");
+  return absl::StrCat("holdfast ", info.model_name, " (preset ", info.preset, ", weights ",
+                      info.weights_sha256.substr(0, 12), ", ", info.default_iterations, " iterations, hop ",
+                      info.default_hop_frames, chaining == Chaining::kPublished ? ", published chaining, " : ", ",
+                      info.precision, " on ", info.device, ")");
 }
 
 class Methods final : public EvaluationMethods {
