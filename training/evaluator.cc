@@ -92,6 +92,7 @@ void RunSequence(const Dataset& dataset, size_t index, const std::vector<ClipTra
 
 Metrics MeanOf(const std::vector<SequenceReport>& sequences) {
   std::vector<Metrics> metrics;
+  metrics.reserve(sequences.size());
   for (const SequenceReport& sequence : sequences) metrics.push_back(sequence.metrics);
   return MeanMetrics(metrics);
 }
