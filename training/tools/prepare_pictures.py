@@ -62,6 +62,12 @@ def busy_share(picture):
     return (cells.std(axis=(1, 3)) > 4).mean()
 
 
+def empty_share(picture):
+    """Share of the commonest brightness: large in drawings on black and in sheets of parts."""
+    grey = np.asarray(picture.convert("L"))
+    return np.bincount(grey.ravel() // 4).max() / grey.size
+
+
 def is_normal_map(picture):
     """Textures of games that hold directions, not colours: bluish all over."""
     red, green, blue = np.asarray(picture, dtype=np.float32).reshape(-1, 3).mean(axis=0)
@@ -79,7 +85,8 @@ def as_background(picture):
     if min(picture.size) < 200 or is_normal_map(picture):
         return None
     steps, spread = detail(picture, np.ones(picture.size[::-1], dtype=bool))
-    return picture if steps > 0.8 and spread > 12 and busy_share(picture) > 0.8 else None
+    full = busy_share(picture) > 0.8 and empty_share(picture) < 0.25
+    return picture if steps > 0.8 and spread > 12 and full else None
 
 
 def chosen_order(paths):
