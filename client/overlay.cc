@@ -43,13 +43,14 @@ void PaintPoint(const TrackSample& sample, const cv::Scalar& color, cv::Mat& pic
   const cv::Point center = Fixed(sample);
   const cv::Scalar dark(30, 30, 30);
   if (sample.visible) {
-    cv::circle(picture, center, FixedRadius(1.5f * unit), dark, cv::FILLED, cv::LINE_AA, kSubpixelBits);
-    cv::circle(picture, center, FixedRadius(1.1f * unit), color, cv::FILLED, cv::LINE_AA, kSubpixelBits);
+    cv::circle(picture, center, FixedRadius(1.35f * unit), dark, cv::FILLED, cv::LINE_AA, kSubpixelBits);
+    cv::circle(picture, center, FixedRadius(1.0f * unit), color, cv::FILLED, cv::LINE_AA, kSubpixelBits);
     return;
   }
-  const int thin = std::max(1, static_cast<int>(std::lround(0.4f * unit)));
-  cv::circle(picture, center, FixedRadius(1.4f * unit), dark, thin + 2, cv::LINE_AA, kSubpixelBits);
-  cv::circle(picture, center, FixedRadius(1.4f * unit), color, thin, cv::LINE_AA, kSubpixelBits);
+  const int thickness = std::max(1, static_cast<int>(std::lround(0.5f * unit)));
+  cv::circle(picture, center, FixedRadius(1.5f * unit), color, thickness, cv::LINE_AA, kSubpixelBits);
+  const float rim = 1.5f * unit + 0.5f * static_cast<float>(thickness + 1);
+  cv::circle(picture, center, FixedRadius(rim), dark, 1, cv::LINE_AA, kSubpixelBits);
 }
 
 }  // namespace

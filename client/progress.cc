@@ -34,7 +34,7 @@ void Progress::Update(int64_t done, int64_t lag) {
 void Progress::Close() {
   if (closed_) return;
   closed_ = true;
-  Draw();
+  if (options_.terminal || done_ != last_done_) Draw();
   if (options_.terminal) out_ << "\n" << std::flush;
 }
 
@@ -46,6 +46,7 @@ std::string Progress::Line() const {
 }
 
 void Progress::Draw() {
+  last_done_ = done_;
   if (!options_.terminal) {
     out_ << Line() << "\n" << std::flush;
     return;

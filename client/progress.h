@@ -26,7 +26,7 @@ class Progress {
 
   // 'lag': frames sent whose features are not computed yet. Draws only when it is time to.
   void Update(int64_t done, int64_t lag);
-  // Draws the last state and ends the line; later updates draw nothing.
+  // Draws the last state, unless a log says it already, and ends the line; later updates draw nothing.
   void Close();
 
  private:
@@ -38,6 +38,7 @@ class Progress {
   const absl::Time start_;
   absl::Time last_drawn_;
   int64_t done_ = 0;
+  int64_t last_done_ = -1;  // as drawn
   int64_t lag_ = 0;
   bool closed_ = false;
 };

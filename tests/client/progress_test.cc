@@ -64,6 +64,15 @@ TEST_F(ProgressTest, ClosingDrawsTheLastStateOnce) {
   EXPECT_EQ(out_.str(), closed);
 }
 
+TEST_F(ProgressTest, ALogDoesNotSayTheSameTwice) {
+  Progress progress(Options(false, 10), out_);
+  now_ += absl::Seconds(5);
+  progress.Update(10, 0);
+  const std::string said = out_.str();
+  progress.Close();
+  EXPECT_EQ(out_.str(), said);
+}
+
 TEST_F(ProgressTest, MoreFramesThanAnnouncedDoNotBreakTheBar) {
   Progress progress(Options(true, 10), out_);
   now_ += absl::Seconds(1);
