@@ -69,16 +69,19 @@ bool Scheduler::TakeTurn() {
   for (const auto& session : sessions_) {
     Guard({session.get()}, [&] { session->ApplyOps(model_); });
   }
-  const bool encoded = EncodeBatch();
-  const bool refined = RefineBatch();
+  bool busy = false;
+  Guard(InTurn(0), [&] {
+    busy = EncodeBatch();
+    busy = RefineBatch() || busy;
+  });
   int64_t cached = 0;
   for (const auto& session : sessions_) {
-    session->Settle();
+    Guard({session.get()}, [&] { session->Settle(); });
     cached += session->tracks().cache().bytes();
   }
   metrics_.CacheBytes(cached);
   DropClosed();
-  return encoded || refined;
+  return busy;
 }
 
 bool Scheduler::EncodeBatch() {

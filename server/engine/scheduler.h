@@ -46,7 +46,7 @@ class Scheduler {
   bool RefineBatch();
   void Admit(FrameBatch batch, std::vector<FrameFeaturesPtr> features);
   void Apply(RowBatch batch, std::vector<RowEstimate> estimates);
-  // What the network throws ends the sessions that were in the batch, and no others.
+  // What is thrown, by the network or for want of memory, ends the sessions it was done for, and no others.
   void Guard(const std::vector<Session*>& affected, const std::function<void()>& work);
   // The sessions, beginning with the one whose turn it is.
   std::vector<Session*> InTurn(size_t turn) const;

@@ -19,7 +19,9 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
 
 absl::StatusOr<Room> Session::PushFrame(Frame frame) {
   absl::StatusOr<Room> room = inbox_.Push(std::move(frame), clock_.Now());
-  if (absl::IsInvalidArgument(room.status())) metrics_.FrameDone(FrameResult::kRejected);
+  // After the end every call gets its status, which is about another frame.
+  if (absl::IsInvalidArgument(room.status()) && room.status() != inbox_.end_status())
+    metrics_.FrameDone(FrameResult::kRejected);
   return room;
 }
 
@@ -29,7 +31,8 @@ void Session::Decode(int64_t index) {
   const absl::Time begin = clock_.Now();
   auto image = DecodeFrame(*bytes, options_.inbox.format, options_.accepted.processing_size);
   const absl::Time end = clock_.Now();
-  inbox_.SetDecoded(index, std::move(image), end);
+  const bool rejected = !image.ok();
+  if (inbox_.SetDecoded(index, std::move(image), end) && rejected) metrics_.FrameDone(FrameResult::kRejected);
   metrics_.StageTook(Stage::kDecode, end - begin);
 }
 

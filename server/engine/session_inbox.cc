@@ -142,17 +142,19 @@ std::optional<std::string> SessionInbox::TakeBytes(int64_t index) {
   return std::move(frame->bytes);
 }
 
-void SessionInbox::SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, absl::Time now) {
+bool SessionInbox::SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, absl::Time now) {
   absl::MutexLock lock(&mutex_);
   Pending* frame = FindLocked(index);
-  if (frame == nullptr) return;
+  if (frame == nullptr) return false;
   if (image.ok()) {
     frame->decoded = DecodedFrame{index, frame->arrival, now, *std::move(image)};
-    return;
+    return true;
   }
   ended_ = true;
   end_status_ = BadFrame(index, image.status());
   DropFromLocked(index);
+  --dropped_;  // this one is rejected
+  return true;
 }
 
 int64_t SessionInbox::ready() const {

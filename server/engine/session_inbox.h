@@ -63,8 +63,8 @@ class SessionInbox {
   // --- The decode pool.
   // Empty: the frame has been dropped.
   std::optional<std::string> TakeBytes(int64_t index) ABSL_LOCKS_EXCLUDED(mutex_);
-  // An error ends the session before this frame, whatever had ended it after.
-  void SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  // An error ends the session before this frame, whatever had ended it after. False: the frame has been dropped.
+  bool SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
 
   // --- The compute thread.
   // Frames that can be taken: decoded, without a gap.

@@ -145,10 +145,10 @@ TEST(SessionInboxTest, AFrameThatDoesNotDecodeEndsTheSessionBeforeIt) {
     ASSERT_THAT(Push(inbox, frame), IsOk());
   }
   inbox.End(absl::OkStatus());
-  inbox.SetDecoded(2, absl::InvalidArgumentError("late"), absl::UnixEpoch());
-  inbox.SetDecoded(1, absl::InvalidArgumentError("broken"), absl::UnixEpoch());
+  EXPECT_TRUE(inbox.SetDecoded(1, absl::InvalidArgumentError("broken"), absl::UnixEpoch()));
+  EXPECT_FALSE(inbox.SetDecoded(2, absl::InvalidArgumentError("too late"), absl::UnixEpoch()));
   EXPECT_THAT(inbox.end_status(), StatusIs(kInvalid, HasSubstr("frame 1: broken")));
-  EXPECT_EQ(inbox.TakeDropped(), 2);
+  EXPECT_EQ(inbox.TakeDropped(), 1);  // frame 2; frame 1 was rejected
   EXPECT_FALSE(inbox.drained());
   Decode(inbox, 0);
   inbox.TakeFrames(1);
