@@ -8,19 +8,9 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "training/npy_header.h"
 
 namespace holdfast {
-
-struct NpyHeader {
-  char kind = 'f';             // 'f' float, 'i' signed, 'u' unsigned, 'b' bool
-  int64_t item_bytes = 4;      // 1, 2, 4 or 8
-  std::vector<int64_t> shape;  // row-major
-  int64_t values() const;      // product of the shape
-};
-
-// A .npy header from the beginning of 'bytes', and how many bytes it takes. DATA_LOSS for what is not one;
-// UNIMPLEMENTED for arrays that are not little-endian numbers in row-major order.
-absl::StatusOr<NpyHeader> ParseNpyHeader(absl::string_view bytes, size_t* header_bytes);
 
 struct NpyRows {
   std::vector<int64_t> shape;  // of the array in the file

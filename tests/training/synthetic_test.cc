@@ -15,7 +15,6 @@
 
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "training/synthetic/motion.h"
 #include "training/synthetic/synthetic_dataset.h"
 
 namespace holdfast {
@@ -292,22 +291,6 @@ TEST(SyntheticTest, OptionsOutsideTheirRangesAreRefused) {
   for (const SyntheticOptions& options : wrong) {
     EXPECT_THAT(SyntheticDataset::Create(options), StatusIs(absl::StatusCode::kInvalidArgument));
   }
-}
-
-TEST(PlaneMapTest, TheInverseMapUndoesTheForwardMapOfABentPlane) {
-  Rng rng(5);
-  const cv::Matx33d tilt(1.1, 0.2, 60, -0.1, 0.9, 40, 4e-4, -3e-4, 1);
-  for (int i = 0; i < 20; ++i) {
-    const PlaneMap map(tilt, ElasticWaves::Random(rng, 0.45, 50), 3);
-    const cv::Point2d plane(rng.Uniform(-60, 60), rng.Uniform(-60, 60));
-    EXPECT_LT(cv::norm(map.PlaneFromImage(map.ImageFromPlane(plane)) - plane), 2e-3);
-  }
-}
-
-TEST(MotionTest, AMotionWithoutCurvesIsAShiftToItsHome) {
-  Motion motion;
-  motion.home = {3, -4};
-  EXPECT_EQ(cv::norm(motion.At(7) - cv::Matx33d(1, 0, 3, 0, 1, -4, 0, 0, 1)), 0);
 }
 
 }  // namespace
