@@ -37,7 +37,7 @@ struct TrainerOptions {
 
 // Borrowed, but for the network: they must outlive the trainer.
 struct TrainerParts {
-  PointModel model;  // float32, on the options' device; at its initial weights
+  PointModel model = nullptr;  // float32, on the options' device; at its initial weights
   ClipSource* clips = nullptr;
   const Validation* validation = nullptr;  // null: none
   ProcessGroup* group = nullptr;

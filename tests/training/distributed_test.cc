@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/distributed.h"
+
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <torch/torch.h>
+#include <unistd.h>
+
+#include <map>
+#include <thread>
+
+#include "model/presets.h"
+#include "server/engine/clock.h"
+#include "tests/support/status_matchers.h"
+#include "training/clip_step.h"
+#include "training/gradient.h"
+#include "training/training_data.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::HasSubstr;
+
+absl::StatusOr<GroupOptions> From(const std::map<std::string, std::string>& variables) {
+  return GroupOptionsFromEnvironment([&](const char* name) -> const char* {
+    const auto found = variables.find(name);
+    return found == variables.end() ? nullptr : found->second.c_str();
+  });
+}
+
+int FreePort() {
+  const int fd = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address = {};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof(address);
+  const bool bound = bind(fd, reinterpret_cast<sockaddr*>(&address), size) == 0 &&
+                     getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) == 0;
+  close(fd);
+  return bound ? ntohs(address.sin_port) : 0;
+}
+
+// Runs 'body' as each of two ranks, in threads.
+void AsTwoRanks(const std::function<void(ProcessGroup&)>& body) {
+  const int port = FreePort();
+  const auto run = [&](int64_t rank) {
+    auto group = ProcessGroup::Join({rank, 2, "127.0.0.1", port, absl::Minutes(1)}, torch::kCPU);
+    ASSERT_THAT(group, IsOk());
+    body(**group);
+  };
+  std::thread other([&] { run(1); });
+  run(0);
+  other.join();
+}
+
+TEST(GroupOptionsTest, WithoutVariablesThereIsOneProcess) {
+  const auto options = From({});
+  ASSERT_THAT(options, IsOk());
+  EXPECT_EQ(options->world, 1);
+  EXPECT_EQ(options->rank, 0);
+}
+
+TEST(GroupOptionsTest, ReadsTheStandardVariables) {
+  const auto options = From({{"RANK", "2"}, {"WORLD_SIZE", "4"}, {"MASTER_ADDR", "node-0"}, {"MASTER_PORT", "29500"}});
+  ASSERT_THAT(options, IsOk());
+  EXPECT_EQ(options->rank, 2);
+  EXPECT_EQ(options->world, 4);
+  EXPECT_EQ(options->address, "node-0");
+  EXPECT_EQ(options->port, 29500);
+}
+
+TEST(GroupOptionsTest, NamesTheVariableThatIsWrong) {
+  EXPECT_THAT(From({{"WORLD_SIZE", "two"}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("WORLD_SIZE")));
+  EXPECT_THAT(From({{"WORLD_SIZE", "2"}, {"RANK", "2"}}),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("RANK")));
+  EXPECT_THAT(From({{"WORLD_SIZE", "2"}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("MASTER_ADDR")));
+  EXPECT_THAT(From({{"WORLD_SIZE", "2"}, {"MASTER_ADDR", "a"}, {"MASTER_PORT", "70000"}}),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("MASTER_PORT")));
+}
+
+TEST(ProcessGroupTest, ASingleProcessKeepsItsNumbers) {
+  const auto group = ProcessGroup::Join({}, torch::kCPU);
+  ASSERT_THAT(group, IsOk());
+  torch::Tensor tensor = torch::tensor({1.0f, 2.0f});
+  ASSERT_THAT((*group)->Sum(tensor), IsOk());
+  ASSERT_THAT((*group)->Broadcast(tensor), IsOk());
+  EXPECT_TRUE(torch::equal(tensor, torch::tensor({1.0f, 2.0f})));
+}
+
+TEST(ProcessGroupTest, TwoProcessesSumAndTakeOver) {
+  AsTwoRanks([](ProcessGroup& group) {
+    torch::Tensor sum = torch::tensor({1.0f + static_cast<float>(group.rank()), 10.0f});
+    ASSERT_THAT(group.Sum(sum), IsOk());
+    EXPECT_TRUE(torch::equal(sum, torch::tensor({3.0f, 20.0f})));
+    torch::Tensor first = torch::full({2}, static_cast<float>(group.rank()) + 5);
+    ASSERT_THAT(group.Broadcast(first), IsOk());
+    EXPECT_TRUE(torch::equal(first, torch::tensor({5.0f, 5.0f})));
+  });
+}
+
+TEST(ProcessGroupTest, WaitsNoLongerThanItMayForTheOthers) {
+  const auto group = ProcessGroup::Join({1, 2, "127.0.0.1", FreePort(), absl::Milliseconds(200)}, torch::kCPU);
+  EXPECT_THAT(group, StatusIs(absl::StatusCode::kUnavailable, HasSubstr("rank 1 of 2 could not join")));
+}
+
+// The gradient of the given clips, scaled as a step of two clips scales it.
+torch::Tensor GradientOf(const std::vector<size_t>& indices, ProcessGroup& group, std::vector<double>& extra) {
+  torch::manual_seed(3);
+  PointModel network(*PresetByName("test"));
+  torch::NoGradGuard no_grad;
+  torch::manual_seed(4);
+  for (torch::Tensor parameter : network->parameters()) {
+    parameter.copy_(torch::sin(torch::arange(parameter.numel()).to(torch::kFloat32)).view(parameter.sizes()) * 0.1);
+  }
+  torch::AutoGradMode with_grad(true);
+  TrainingDataOptions data;
+  data.frames = 6;
+  const auto clips = OpenTrainingData(data, {1, 48, 64, 8, 2});
+  for (const size_t index : indices) {
+    Rng rng(9, index);
+    const ClipTensors clip = *ToTensors(*(*clips)->Get(index, rng), 8);
+    extra[0] += AddClipGradient(*network, clip, {{}, {0.5, 0}, 2}, rng, SystemClock()).loss.total;
+  }
+  return *SumGradients(network->parameters(), 0.5, group, extra);
+}
+
+TEST(ProcessGroupTest, GradientsOfTwoProcessesEqualThoseOfOneWithTheWholeBatch) {
+  const auto single = ProcessGroup::Join({}, torch::kCPU);
+  std::vector<double> whole_loss = {0};
+  const torch::Tensor whole = GradientOf({0, 1}, **single, whole_loss);
+  ASSERT_GT(whole.norm().item<float>(), 0);
+  AsTwoRanks([&](ProcessGroup& group) {
+    std::vector<double> loss = {0};
+    const torch::Tensor gradient = GradientOf({static_cast<size_t>(group.rank())}, group, loss);
+    EXPECT_LT(((gradient - whole).norm() / whole.norm()).item<double>(), 1e-5);
+    EXPECT_NEAR(loss[0], whole_loss[0], 1e-4 * whole_loss[0]);
+  });
+}
+
+TEST(GradientTest, ClippingShortensAndKeepsTheDirection) {
+  torch::Tensor gradient = torch::tensor({3.0f, 4.0f});
+  EXPECT_DOUBLE_EQ(ClipGradient(gradient, 1), 5);
+  EXPECT_TRUE(torch::allclose(gradient, torch::tensor({0.6f, 0.8f})));
+  EXPECT_NEAR(ClipGradient(gradient, 2), 1, 1e-6);
+  EXPECT_TRUE(torch::allclose(gradient, torch::tensor({0.6f, 0.8f})));
+}
+
+TEST(GradientTest, ParametersWithoutAGradientTakeNoPart) {
+  const auto group = ProcessGroup::Join({}, torch::kCPU);
+  torch::Tensor a = torch::zeros({2}, torch::requires_grad()), b = torch::zeros({3}, torch::requires_grad());
+  (a * torch::tensor({1.0f, 2.0f})).sum().backward();
+  std::vector<double> extra = {7, 8};
+  const auto gradient = SumGradients({b, a}, 0.5, **group, extra);
+  ASSERT_THAT(gradient, IsOk());
+  EXPECT_TRUE(torch::equal(*gradient, torch::tensor({0.5f, 1.0f})));
+  EXPECT_FALSE(b.grad().defined());
+  gradient->mul_(2);
+  EXPECT_TRUE(torch::equal(a.grad(), torch::tensor({1.0f, 2.0f}))) << "a view of the whole";
+  EXPECT_EQ(extra, (std::vector<double>{7, 8}));
+}
+
+}  // namespace
+}  // namespace holdfast

@@ -1,0 +1,335 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/trainer.h"
+
+#include <gtest/gtest.h>
+#include <torch/torch.h>
+
+#include <filesystem>
+#include <functional>
+
+#include "model/checkpoint.h"
+#include "model/presets.h"
+#include "tests/support/simulated_clock.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "training/training_checkpoint.h"
+#include "training/training_data.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::HasSubstr;
+
+// Remembers what it hears; 'on_step' may interfere.
+class Recorder : public TrainingObserver {
+ public:
+  void StepDone(const StepReport& report) override {
+    steps.push_back(report);
+    if (on_step) on_step(report);
+  }
+  void Validated(const ValidationReport& report) override { validations.push_back(report); }
+  void Notice(absl::string_view text) override { notices.emplace_back(text); }
+
+  std::vector<double> losses() const {
+    std::vector<double> values;
+    for (const StepReport& step : steps) values.push_back(step.loss.total);
+    return values;
+  }
+
+  std::function<void(const StepReport&)> on_step;
+  std::vector<StepReport> steps;
+  std::vector<ValidationReport> validations;
+  std::vector<std::string> notices;
+};
+
+// Synthetic clips, changed on their way or not delivered at all.
+class ChangedClips : public Dataset {
+ public:
+  ChangedClips(std::unique_ptr<Dataset> source, std::function<absl::Status(size_t, Sample&)> change)
+      : source_(std::move(source)), change_(std::move(change)) {}
+  size_t size() const override { return source_->size(); }
+  absl::StatusOr<Sample> Get(size_t index, Rng& rng) const override {
+    absl::StatusOr<Sample> sample = source_->Get(index, rng);
+    if (!sample.ok()) return sample;
+    const absl::Status status = change_(index, *sample);
+    if (!status.ok()) return status;
+    return sample;
+  }
+
+ private:
+  std::unique_ptr<Dataset> source_;
+  std::function<absl::Status(size_t, Sample&)> change_;
+};
+
+class ChangedSource : public ClipSource {
+ public:
+  explicit ChangedSource(std::function<absl::Status(size_t, Sample&)> change) : change_(std::move(change)) {}
+  absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_batch) override {
+    TrainingDataOptions data;
+    data.frames = 6;
+    clips_ = std::make_unique<ChangedClips>(*OpenTrainingData(data, phase), change_);
+    LoaderOptions options;
+    options.first_batch = first_batch;
+    return Loader::Create(*clips_, options);
+  }
+
+ private:
+  std::function<absl::Status(size_t, Sample&)> change_;
+  std::unique_ptr<ChangedClips> clips_;
+};
+
+TrainingDataOptions TestData() {
+  TrainingDataOptions data;
+  data.frames = 6;
+  return data;
+}
+
+class TrainerTest : public ::testing::Test {
+ protected:
+  TrainerTest() {
+    options_.recipe = *RecipeByName("test");
+    options_.checkpoint_every = 0;
+    options_.validate_every = 0;
+  }
+
+  absl::StatusOr<TrainingSummary> Train(const TempDir& dir, Recorder& recorder, ClipSource* clips = nullptr,
+                                        const Validation* validation = nullptr) {
+    options_.directory = dir.path();
+    torch::manual_seed(11);
+    network_ = PointModel(network_options_);
+    TrainingClips synthetic(TestData(), {options_.recipe.batch_size, 1, 0, 1});
+    const auto group = ProcessGroup::Join({}, torch::kCPU);
+    TrainerParts parts;
+    parts.model = network_;
+    parts.clips = clips == nullptr ? &synthetic : clips;
+    parts.validation = validation;
+    parts.group = group->get();
+    parts.observer = &recorder;
+    parts.clock = &clock_;
+    parts.stop = &stop_;
+    auto trainer = Trainer::Create(options_, parts);
+    if (!trainer.ok()) return trainer.status();
+    return (*trainer)->Run();
+  }
+
+  // Until after step 'last', as if a signal came then.
+  absl::StatusOr<TrainingSummary> TrainUntil(int64_t last, const TempDir& dir, Recorder& recorder) {
+    recorder.on_step = [this, last](const StepReport& report) { stop_ = report.step >= last - 1; };
+    const auto summary = Train(dir, recorder);
+    stop_ = false;
+    recorder.on_step = nullptr;
+    return summary;
+  }
+
+  ModelOptions network_options_ = *PresetByName("test");
+  TrainerOptions options_;
+  SimulatedClock clock_;
+  std::atomic<bool> stop_{false};
+  PointModel network_{nullptr};
+};
+
+TEST_F(TrainerTest, LearnsASingleClip) {
+  options_.recipe.steps = 60;
+  options_.recipe.noisy_start = options_.recipe.streaming_windows = 0;
+  options_.recipe.schedule.peak_rate = 5e-3;
+  ChangedSource one([](size_t, Sample& sample) {
+    TrainingDataOptions data = TestData();
+    Rng rng(0);
+    sample = *(*OpenTrainingData(data, {1, 48, 64, 8, 2}))->Get(3, rng);
+    return absl::OkStatus();
+  });
+  const TempDir dir;
+  Recorder recorder;
+  ASSERT_THAT(Train(dir, recorder, &one), IsOk());
+  EXPECT_LT(recorder.steps.back().loss.total, 0.5 * recorder.steps.front().loss.total);
+}
+
+TEST_F(TrainerTest, AResumedRunHasTheLossesOfAnUninterruptedOne) {
+  const TempDir whole, parts;
+  Recorder uninterrupted, first, second;
+  ASSERT_THAT(Train(whole, uninterrupted), IsOk());
+  const auto stopped = TrainUntil(3, parts, first);
+  ASSERT_THAT(stopped, IsOk());
+  EXPECT_EQ(stopped->reason, StopReason::kAsked);
+  EXPECT_EQ(stopped->step, 3);
+  const auto finished = Train(parts, second);
+  ASSERT_THAT(finished, IsOk());
+  EXPECT_EQ(finished->reason, StopReason::kFinished);
+  std::vector<double> joined = first.losses();
+  for (const double loss : second.losses()) joined.push_back(loss);
+  EXPECT_EQ(joined, uninterrupted.losses());
+  const auto a = LoadModel(whole.File("final.safetensors")), b = LoadModel(parts.File("final.safetensors"));
+  ASSERT_THAT(a, IsOk());
+  ASSERT_THAT(b, IsOk());
+  for (const auto& item : a->model->named_parameters()) {
+    EXPECT_TRUE(torch::equal(item.value(), b->model->named_parameters()[item.key()])) << item.key();
+  }
+}
+
+TEST_F(TrainerTest, ResumesExactlyInBfloat16WithAccumulationAndPhases) {
+  options_.recipe.bfloat16 = true;
+  options_.recipe.accumulate = 2;
+  options_.recipe.phases = {{0.5, 48, 64, 8, 2}, {1.0, 64, 64, 8, 2}};
+  const TempDir whole, parts;
+  Recorder uninterrupted, first, second;
+  ASSERT_THAT(Train(whole, uninterrupted), IsOk());
+  ASSERT_THAT(TrainUntil(5, parts, first), IsOk());
+  ASSERT_THAT(Train(parts, second), IsOk());
+  std::vector<double> joined = first.losses();
+  for (const double loss : second.losses()) joined.push_back(loss);
+  EXPECT_EQ(joined, uninterrupted.losses());
+  EXPECT_EQ(uninterrupted.steps.front().clips, 2);
+}
+
+TEST_F(TrainerTest, AFinishedTrainingHasNothingLeftToDo) {
+  const TempDir dir;
+  Recorder first, again;
+  ASSERT_THAT(Train(dir, first), IsOk());
+  const auto summary = Train(dir, again);
+  ASSERT_THAT(summary, IsOk());
+  EXPECT_EQ(summary->step, options_.recipe.steps);
+  EXPECT_TRUE(again.steps.empty());
+}
+
+TEST_F(TrainerTest, RefusesToGoOnWithAnotherRecipeSeedOrNetwork) {
+  const TempDir dir;
+  Recorder recorder;
+  ASSERT_THAT(TrainUntil(2, dir, recorder), IsOk());
+  options_.seed = 1;
+  EXPECT_THAT(Train(dir, recorder), StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("seed=0")));
+  options_.seed = 0;
+  options_.recipe.loss.alpha = 0.5;
+  EXPECT_THAT(Train(dir, recorder), StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("another recipe")));
+  options_.recipe.loss.alpha = 0.15;
+  network_options_.update_base = 16;
+  EXPECT_THAT(Train(dir, recorder), StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("another network")));
+}
+
+TEST_F(TrainerTest, AStepWithoutAFiniteLossChangesNothingAndIsCounted) {
+  ChangedSource clips([](size_t index, Sample& sample) {
+    if (index == 2) {
+      sample.SetPosition(3, 0, {3e38f, 3e38f});  // its distance overflows
+      sample.visible[sample.At(3, 0)] = 0;
+      sample.valid[sample.At(3, 0)] = 1;
+    }
+    return absl::OkStatus();
+  });
+  const TempDir dir;
+  Recorder recorder;
+  torch::Tensor before, after;
+  recorder.on_step = [&](const StepReport& report) {
+    if (report.step == 2) before = network_->parameters()[0].detach().clone();
+    if (report.step == 3) after = network_->parameters()[0].detach().clone();
+  };
+  ASSERT_THAT(Train(dir, recorder, &clips), IsOk());
+  EXPECT_FALSE(recorder.steps[1].skipped);
+  EXPECT_TRUE(recorder.steps[2].skipped);
+  EXPECT_TRUE(torch::equal(before, after));
+  EXPECT_EQ(recorder.steps.back().skipped_steps, 1);
+  EXPECT_TRUE(std::isfinite(recorder.steps.back().loss.total));
+}
+
+TEST_F(TrainerTest, StopsAfterManyStepsWithoutAFiniteLossAndKeepsTheLastGoodCheckpoint) {
+  options_.recipe.steps = 100;
+  options_.checkpoint_every = 4;
+  options_.max_skipped_in_row = 3;
+  const TempDir dir;
+  Recorder recorder;
+  recorder.on_step = [this](const StepReport& report) {
+    torch::NoGradGuard no_grad;
+    if (report.step == 5) network_->parameters()[0].fill_(std::nanf(""));
+  };
+  EXPECT_THAT(Train(dir, recorder), StatusIs(absl::StatusCode::kAborted, HasSubstr("3 steps in a row")));
+  EXPECT_EQ(recorder.steps.size(), 8u);
+  EXPECT_EQ((*FindTrainingCheckpoint(dir.path()))->state.step, 4);
+  EXPECT_FALSE(std::filesystem::exists(dir.File("final.safetensors")));
+}
+
+TEST_F(TrainerTest, DamagedClipsAreSkippedAndCounted) {
+  ChangedSource clips([](size_t index, Sample&) {
+    return index % 3 == 1 ? absl::DataLossError("frame 00003.jpg does not decode") : absl::OkStatus();
+  });
+  const TempDir dir;
+  Recorder recorder;
+  ASSERT_THAT(Train(dir, recorder, &clips), IsOk());
+  EXPECT_EQ(recorder.steps.size(), 8u);
+  EXPECT_GE(recorder.steps.back().skipped_samples, 2);
+}
+
+TEST_F(TrainerTest, DataThatNeverComesEndsTheTrainingWithItsError) {
+  ChangedSource clips([](size_t, Sample&) { return absl::DataLossError("frame 00003.jpg does not decode"); });
+  const TempDir dir;
+  Recorder recorder;
+  EXPECT_THAT(Train(dir, recorder, &clips).status().message(), HasSubstr("00003.jpg"));
+}
+
+TEST_F(TrainerTest, ATimeBudgetAnnealsTheRateAndEndsTheTraining) {
+  options_.recipe.steps = 0;
+  options_.time_budget = absl::Seconds(10);
+  const TempDir dir;
+  Recorder recorder;
+  recorder.on_step = [this](const StepReport&) { clock_.Advance(absl::Seconds(2)); };
+  const auto summary = Train(dir, recorder);
+  ASSERT_THAT(summary, IsOk());
+  EXPECT_EQ(summary->reason, StopReason::kFinished);
+  EXPECT_EQ(summary->step, 6);
+  EXPECT_DOUBLE_EQ(recorder.steps[3].progress, 0.6000000238418579);  // single precision travels with the gradients
+  EXPECT_LT(recorder.steps.back().learning_rate, 0.3 * recorder.steps[2].learning_rate);
+  EXPECT_TRUE(std::filesystem::exists(dir.File("final.safetensors")));
+}
+
+TEST_F(TrainerTest, ElapsedTimeAddsUpOverRuns) {
+  options_.recipe.steps = 0;
+  options_.time_budget = absl::Seconds(10);
+  const TempDir dir;
+  Recorder first, second;
+  first.on_step = [this](const StepReport& report) {
+    clock_.Advance(absl::Seconds(2));
+    stop_ = report.step == 2;
+  };
+  ASSERT_THAT(Train(dir, first), IsOk());
+  stop_ = false;
+  clock_.Advance(absl::Hours(5));
+  second.on_step = [this](const StepReport&) { clock_.Advance(absl::Seconds(2)); };
+  ASSERT_THAT(Train(dir, second), IsOk());
+  EXPECT_EQ(first.steps.size() + second.steps.size(), 6u);
+}
+
+TEST_F(TrainerTest, ValidatesTheAveragedWeightsAndKeepsTheBest) {
+  options_.validate_every = 4;
+  const auto clips = OpenTrainingData(TestData(), options_.recipe.phases[0]);
+  const auto validation = Validation::Create(**clips, 2, 5, 2);
+  ASSERT_THAT(validation, IsOk());
+  const TempDir dir;
+  Recorder recorder;
+  const auto summary = Train(dir, recorder, nullptr, &*validation);
+  ASSERT_THAT(summary, IsOk());
+  ASSERT_EQ(recorder.validations.size(), 3u);  // at the start, after 4, at the end
+  EXPECT_EQ(recorder.validations[0].step, 0);
+  EXPECT_TRUE(recorder.validations[0].best);
+  double best = -1;
+  for (const ValidationReport& report : recorder.validations) best = std::max(best, *report.metrics.delta_vis);
+  EXPECT_EQ(summary->best, best);
+  EXPECT_TRUE(recorder.validations[0].metrics.oa.has_value());
+  EXPECT_THAT(LoadModel(dir.File("best.safetensors")), IsOk());
+}
+
+TEST_F(TrainerTest, ReportsWhereTheTimeWentAndTheLearningRate) {
+  const TempDir dir;
+  Recorder recorder;
+  ASSERT_THAT(Train(dir, recorder), IsOk());
+  EXPECT_DOUBLE_EQ(recorder.steps[0].learning_rate, LearningRate(options_.recipe.schedule, 0));
+  EXPECT_DOUBLE_EQ(recorder.steps[4].learning_rate, LearningRate(options_.recipe.schedule, 0.5));
+  EXPECT_GT(recorder.steps[0].gradient_norm, 0);
+  EXPECT_TRUE(std::isfinite(recorder.steps[0].loss.visibility));
+}
+
+TEST_F(TrainerTest, OptionsThatCannotWorkAreRefused) {
+  const TempDir dir;
+  Recorder recorder;
+  options_.recipe.steps = 0;
+  EXPECT_THAT(Train(dir, recorder), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("time budget")));
+}
+
+}  // namespace
+}  // namespace holdfast
