@@ -2,11 +2,11 @@
 // The published network's numbers, stage by stage from golden inputs and as whole runs.
 #include <gtest/gtest.h>
 
+#include "model/checkpoint.h"
 #include "model/correlation.h"
 #include "model/feature_views.h"
 #include "model/point_model.h"
 #include "model/refinement.h"
-#include "model/safetensors.h"
 #include "model/sampling.h"
 #include "tests/support/golden.h"
 
@@ -112,11 +112,17 @@ TEST_F(GoldenTest, TemplatesMatchFromGoldenPositions) {
   EXPECT_LE(Measure("feats4", templates.select(2, 2), Golden("feats4")).max, 1e-4);
 }
 
+// Random weights are chaotic: rounding grows about fivefold an iteration, and the golden numbers themselves, made in
+// float32, are 0.08 pixels from exact ones after six. The bounds after six iterations leave room for that;
+// golden_precision_test runs the same in double and is held to tighter ones.
 TEST_F(GoldenTest, WholeRunFollowsThePublishedOne) {
   EXPECT_LE(Measure("coords_iter0", ToImage(Run(FirstWindow(), 1).positions), Golden("coords_iter0")).max, 1e-3);
+  const auto fourth = Measure("coords_iter3", ToImage(Run(FirstWindow(), 4).positions), Golden("coords_iter3"));
+  EXPECT_LE(fourth.max, 0.1);
+  EXPECT_LE(fourth.mean, 0.01);
   const auto last = Measure("coords_iter5", ToImage(Run(FirstWindow(), 6).positions), Golden("coords_iter5"));
-  EXPECT_LE(last.max, 0.1);
-  EXPECT_LE(last.mean, 0.01);
+  EXPECT_LE(last.max, 0.6);
+  EXPECT_LE(last.mean, 0.04);
 }
 
 TEST_F(GoldenTest, UnrollReturnsThePublishedUnlockedPredictions) {
@@ -126,8 +132,8 @@ TEST_F(GoldenTest, UnrollReturnsThePublishedUnlockedPredictions) {
   EXPECT_FALSE(trajectory.visibility_logit.defined());
   const auto difference =
       Measure("pred_iter5_unlocked", ToImage(trajectory.positions.back()), Golden("pred_iter5_unlocked"));
-  EXPECT_LE(difference.max, 0.1);
-  EXPECT_LE(difference.mean, 0.01);
+  EXPECT_LE(difference.max, 0.6);
+  EXPECT_LE(difference.mean, 0.04);
 }
 
 // Windows of 24 that overlap in one frame, the last one shifted back to end on the last frame; templates carried on.
@@ -153,6 +159,24 @@ TEST_F(GoldenTest, ChainedRunFollowsThePublishedScript) {
   const auto difference = Measure("chained_47_iters4", ToImage(track), Golden("chained_47_iters4"));
   EXPECT_LE(difference.max, 1.0);
   EXPECT_LE(difference.mean, 0.05);
+}
+
+TEST(InterimWeightsTest, TrackAsExpected) {
+  auto loaded = LoadModel(std::string(HOLDFAST_SOURCE_DIR) + "/weights/interim.safetensors");
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  PointModel model = loaded->model;
+  const c10::InferenceMode guard;
+  const TensorMap clip = ReadGolden("pips2_golden.safetensors");
+  const TensorMap expected = ReadGolden("interim_expected.safetensors");
+  const torch::Tensor maps = model->Encode(clip.at("frames").narrow(0, 0, kWindow));
+  EXPECT_LE(Measure("interim_fmap_frame0", maps[0], expected.at("fmap_frame0")).max, 1e-4);
+  const torch::Tensor queries = clip.at("queries_xy") / kStride;
+  WindowRows rows;
+  rows.frames = BuildPyramids(maps, model->options().correlation_levels);
+  rows.start = queries.unsqueeze(1).repeat({1, kWindow, 1});
+  rows.feature = SampleFeatures(rows.frames.front(), queries);
+  const torch::Tensor got = model->Refine({rows}, {4, false}).front().positions * kStride;
+  EXPECT_LE(Measure("interim_coords_iter3", got.transpose(0, 1), expected.at("coords_iter3")).max, 1e-3);
 }
 
 TEST(ContextGoldenTest, ContextualAttentionMatchesThePlainImplementation) {
