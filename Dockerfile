@@ -8,22 +8,15 @@ RUN apt-get update -qq \
  && grep -v '^#' /tmp/build.txt | DEBIAN_FRONTEND=noninteractive xargs apt-get install -y -qq --no-install-recommends > /dev/null \
  && rm -rf /var/lib/apt/lists/*
 
-FROM toolchain AS source
+FROM toolchain AS build
 WORKDIR /src
 COPY . .
-RUN cmake --preset release -DHOLDFAST_TESTS=OFF > /dev/null
-
-# One stage a program group, so that an image builds only what it holds.
-FROM source AS build-server
-RUN cmake --build build/release --target holdfast_server holdfast_import \
- && deploy/image/rootfs.sh /rootfs build/release/bin/holdfast-server build/release/bin/holdfast-import
-FROM source AS build-client
-RUN cmake --build build/release --target holdfast_client \
- && deploy/image/rootfs.sh /rootfs build/release/bin/holdfast
-FROM source AS build-trainer
-RUN cmake --build build/release --target holdfast_train holdfast_eval holdfast_synth holdfast_import \
- && deploy/image/rootfs.sh /rootfs build/release/bin/holdfast-train build/release/bin/holdfast-eval \
-      build/release/bin/holdfast-synth build/release/bin/holdfast-import
+# One stage for all programs: the images share most of the sources.
+RUN cmake --preset release -DHOLDFAST_TESTS=OFF > /dev/null && cmake --build build/release \
+ && cd build/release/bin \
+ && /src/deploy/image/rootfs.sh /rootfs/server holdfast-server holdfast-import \
+ && /src/deploy/image/rootfs.sh /rootfs/client holdfast \
+ && /src/deploy/image/rootfs.sh /rootfs/trainer holdfast-train holdfast-eval holdfast-synth holdfast-import
 
 FROM debian:${DEBIAN}-slim AS runtime
 RUN useradd --system --uid 10001 --user-group --no-create-home holdfast
@@ -31,7 +24,7 @@ ENV LANG=C.UTF-8
 
 # The command line client: docker run -v "$PWD:/data" holdfast-client track video.mp4 --server=host:50051 ...
 FROM runtime AS client
-COPY --from=build-client /rootfs /
+COPY --from=build /rootfs/client /
 RUN ldconfig && holdfast --version
 USER holdfast
 WORKDIR /data
@@ -39,7 +32,7 @@ ENTRYPOINT ["holdfast"]
 
 # The training job: docker run -v /data:/data holdfast-trainer --preset=small ...
 FROM runtime AS trainer
-COPY --from=build-trainer /rootfs /
+COPY --from=build /rootfs/trainer /
 COPY weights /usr/share/holdfast/weights
 RUN ldconfig && holdfast-train --version
 USER holdfast
@@ -48,7 +41,7 @@ ENTRYPOINT ["holdfast-train"]
 
 # The tracking server: gRPC on 50051; /metrics, /healthz and /readyz on 9464.
 FROM runtime AS server
-COPY --from=build-server /rootfs /
+COPY --from=build /rootfs/server /
 COPY weights /usr/share/holdfast/weights
 RUN ldconfig && holdfast-server --version
 USER holdfast
