@@ -13,9 +13,15 @@ namespace {
 torch::Tensor ToTokens(const torch::Tensor& map) { return map.permute({0, 2, 3, 1}); }
 torch::Tensor ToMap(const torch::Tensor& tokens) { return tokens.permute({0, 3, 1, 2}); }
 
-torch::Tensor Normalize(const torch::Tensor& map, torch::nn::LayerNorm& norm) {
-  const torch::Tensor tokens = ToTokens(map).contiguous().to(norm->weight.scalar_type());
-  return ToMap(norm->forward(tokens));
+// Statistics and arithmetic in float32 at least; the result has the dtype of the weights.
+torch::Tensor Normalize(const torch::Tensor& map, const torch::nn::LayerNorm& norm) {
+  const torch::ScalarType dtype = norm->weight.scalar_type();
+  const torch::ScalarType wide = torch::promote_types(dtype, torch::kFloat32);
+  const torch::Tensor tokens = ToTokens(map).contiguous().to(wide);
+  const auto& options = norm->options;
+  const torch::Tensor normed =
+      torch::layer_norm(tokens, options.normalized_shape(), norm->weight.to(wide), norm->bias.to(wide), options.eps());
+  return ToMap(normed.to(dtype));
 }
 
 torch::nn::LayerNorm MakeNorm(int64_t channels) {

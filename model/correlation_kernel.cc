@@ -117,9 +117,14 @@ HOLDFAST_INLINE void CorrelateItem(const CorrelationRows& rows, int64_t item) {
   }
 }
 
+// Frame by frame, so that a frame's maps stay in the cache while all rows read them: pair 'i' of that order -> its item
+// row * S + frame.
+HOLDFAST_INLINE int64_t ItemAt(const RowMaps& maps, int64_t i) { return i % maps.rows * maps.frames + i / maps.rows; }
+
 template <typename T>
 HOLDFAST_INLINE void Correlate(const CorrelationRows& rows, int64_t begin, int64_t end) {
-  for (int64_t item = begin; item < end; ++item) {
+  for (int64_t i = begin; i < end; ++i) {
+    const int64_t item = ItemAt(rows.maps, i);
     if (rows.templates == 1) CorrelateItem<1, T>(rows, item);
     if (rows.templates == 2) CorrelateItem<2, T>(rows, item);
     if (rows.templates == 3) CorrelateItem<3, T>(rows, item);
@@ -196,7 +201,8 @@ HOLDFAST_INLINE Corners CornersAt(const float* xy, const MapView& map) {
 template <typename T>
 HOLDFAST_INLINE void Sample(const SampledRows& rows, int64_t begin, int64_t end) {
   const RowMaps& m = rows.maps;
-  for (int64_t item = begin; item < end; ++item) {
+  for (int64_t i = begin; i < end; ++i) {
+    const int64_t item = ItemAt(m, i);
     const MapView& map = m.At(item / m.frames, item % m.frames)[0];
     const Corners at = CornersAt(rows.xy + item * 2, map);
     const T* data = static_cast<const T*>(map.data);

@@ -21,22 +21,71 @@ HOLDFAST_INLINE Block BlockAt(int64_t item, int64_t pixels, int64_t channels) {
   return {map, (map * pixels + begin) * channels, std::min(kNormBlock, pixels - begin)};
 }
 
-template <typename T>
-HOLDFAST_INLINE void Moments(const T* __restrict x, int64_t pixels, int64_t channels, float* __restrict mean,
-                             float* __restrict squares) {
-  std::fill_n(mean, channels, 0.0f);
-  for (int64_t p = 0; p < pixels; ++p) {
-    for (int64_t c = 0; c < channels; ++c) mean[c] += ToFloat(x[p * channels + c]);
+// With few channels several pixels are taken as one wide one, so that the vector units have enough to do: 'pixels'
+// pixels of 'channels' become rows * width values, a row holding 'fold' pixels.
+constexpr int64_t kMaxWidth = 256;
+
+struct Fold {
+  int64_t channels;
+  int64_t fold;
+  int64_t rows;
+  int64_t width;
+};
+
+HOLDFAST_INLINE Fold FoldOf(int64_t pixels, int64_t channels) {
+  int64_t fold = 1;
+  while (2 * fold * channels <= kMaxWidth && pixels % (2 * fold) == 0) fold *= 2;
+  return {channels, fold, pixels / fold, channels * fold};
+}
+
+// Values of the channels, repeated for each pixel of a row; in 'buffer' where that takes copies.
+HOLDFAST_INLINE const float* Widen(const Fold& fold, const float* values, float* buffer) {
+  if (fold.fold == 1) return values;
+  for (int64_t i = 0; i < fold.width; i += fold.channels) std::copy_n(values, fold.channels, buffer + i);
+  return buffer;
+}
+
+// Sums of the columns of a row -> sums of the channels.
+HOLDFAST_INLINE void Narrow(const Fold& fold, const float* wide, float* sums) {
+  std::copy_n(wide, fold.channels, sums);
+  for (int64_t i = fold.channels; i < fold.width; i += fold.channels) {
+    for (int64_t c = 0; c < fold.channels; ++c) sums[c] += wide[i + c];
   }
-  const float scale = 1.0f / static_cast<float>(pixels);
-  for (int64_t c = 0; c < channels; ++c) mean[c] *= scale;
-  std::fill_n(squares, channels, 0.0f);
-  for (int64_t p = 0; p < pixels; ++p) {
-    for (int64_t c = 0; c < channels; ++c) {
-      const float d = ToFloat(x[p * channels + c]) - mean[c];
-      squares[c] += d * d;
+}
+
+template <typename T>
+HOLDFAST_INLINE void SumRows(const T* __restrict x, const Fold& fold, float* __restrict sums) {
+  std::fill_n(sums, fold.width, 0.0f);
+  for (int64_t r = 0; r < fold.rows; ++r) {
+    for (int64_t i = 0; i < fold.width; ++i) sums[i] += ToFloat(x[r * fold.width + i]);
+  }
+}
+
+template <typename T>
+HOLDFAST_INLINE void SumSquares(const T* __restrict x, const Fold& fold, const float* __restrict mean,
+                                float* __restrict sums) {
+  std::fill_n(sums, fold.width, 0.0f);
+  for (int64_t r = 0; r < fold.rows; ++r) {
+    for (int64_t i = 0; i < fold.width; ++i) {
+      const float d = ToFloat(x[r * fold.width + i]) - mean[i];
+      sums[i] += d * d;
     }
   }
+}
+
+template <typename T>
+HOLDFAST_INLINE void Moments(const T* x, int64_t pixels, int64_t channels, float* mean, float* squares) {
+  const Fold fold = FoldOf(pixels, channels);
+  float wide_sums[kMaxWidth];
+  float wide_mean[kMaxWidth];
+  float* sums = fold.fold == 1 ? mean : wide_sums;
+  SumRows(x, fold, sums);
+  if (fold.fold > 1) Narrow(fold, sums, mean);
+  const float scale = 1.0f / static_cast<float>(pixels);
+  for (int64_t c = 0; c < channels; ++c) mean[c] *= scale;
+  sums = fold.fold == 1 ? squares : wide_sums;
+  SumSquares(x, fold, Widen(fold, mean, wide_mean), sums);
+  if (fold.fold > 1) Narrow(fold, sums, squares);
 }
 
 template <typename T>
@@ -49,11 +98,11 @@ HOLDFAST_INLINE void BlockMoments(const NormMaps<T>& m, int64_t begin, int64_t e
 }
 
 template <NormTail kTail, typename T>
-HOLDFAST_INLINE void ApplyBlock(const T* __restrict x, const T* __restrict identity, const float* __restrict mean,
-                                const float* __restrict rstd, T* __restrict y, int64_t pixels, int64_t channels) {
-  for (int64_t p = 0; p < pixels; ++p) {
-    for (int64_t c = 0; c < channels; ++c) {
-      const int64_t i = p * channels + c;
+HOLDFAST_INLINE void ApplyRows(const T* __restrict x, const T* __restrict identity, const float* __restrict mean,
+                               const float* __restrict rstd, T* __restrict y, const Fold& fold) {
+  for (int64_t r = 0; r < fold.rows; ++r) {
+    for (int64_t c = 0; c < fold.width; ++c) {
+      const int64_t i = r * fold.width + c;
       float value = (ToFloat(x[i]) - mean[c]) * rstd[c];
       if (kTail != NormTail::kNone) value = value > 0 ? value : 0;
       if (kTail == NormTail::kReluAddRelu) {
@@ -65,24 +114,32 @@ HOLDFAST_INLINE void ApplyBlock(const T* __restrict x, const T* __restrict ident
   }
 }
 
+// Mean and 1 / deviation of a map, widened for a block's rows.
+struct WideMoments {
+  float mean_buffer[kMaxWidth];
+  float rstd_buffer[kMaxWidth];
+  const float* mean;
+  const float* rstd;
+};
+
+HOLDFAST_INLINE void WidenMoments(const float* moments, const Fold& fold, WideMoments& wide) {
+  wide.mean = Widen(fold, moments, wide.mean_buffer);
+  wide.rstd = Widen(fold, moments + fold.channels, wide.rstd_buffer);
+}
+
 template <typename T>
 HOLDFAST_INLINE void Apply(const NormMaps<T>& m, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
     const Block b = BlockAt(i, m.pixels, m.channels);
-    const float* mean = m.moments + b.map * 2 * m.channels;
-    const float* rstd = mean + m.channels;
+    const Fold fold = FoldOf(b.pixels, m.channels);
+    WideMoments w;
+    WidenMoments(m.moments + b.map * 2 * m.channels, fold, w);
     const T* x = m.x + b.first;
     T* y = m.y + b.first;
-    switch (m.tail) {
-      case NormTail::kNone:
-        ApplyBlock<NormTail::kNone>(x, x, mean, rstd, y, b.pixels, m.channels);
-        break;
-      case NormTail::kRelu:
-        ApplyBlock<NormTail::kRelu>(x, x, mean, rstd, y, b.pixels, m.channels);
-        break;
-      case NormTail::kReluAddRelu:
-        ApplyBlock<NormTail::kReluAddRelu>(x, m.identity + b.first, mean, rstd, y, b.pixels, m.channels);
-        break;
+    if (m.tail == NormTail::kNone) ApplyRows<NormTail::kNone>(x, x, w.mean, w.rstd, y, fold);
+    if (m.tail == NormTail::kRelu) ApplyRows<NormTail::kRelu>(x, x, w.mean, w.rstd, y, fold);
+    if (m.tail == NormTail::kReluAddRelu) {
+      ApplyRows<NormTail::kReluAddRelu>(x, m.identity + b.first, w.mean, w.rstd, y, fold);
     }
   }
 }
@@ -94,22 +151,25 @@ HOLDFAST_INLINE float Masked(float grad, float normed) {
 }
 
 template <NormTail kTail, typename T>
-HOLDFAST_INLINE void GradientsOfBlock(const NormMaps<T>& m, const Block& b, float* __restrict sum,
-                                      float* __restrict products) {
-  const int64_t channels = m.channels;
-  const float* __restrict mean = m.moments + b.map * 2 * channels;
-  const float* __restrict rstd = mean + channels;
+HOLDFAST_INLINE void SumGradients(const NormMaps<T>& m, const Block& b, const Fold& fold, float* __restrict sum,
+                                  float* __restrict products) {
+  WideMoments w;
+  WidenMoments(m.moments + b.map * 2 * m.channels, fold, w);
+  const float* __restrict mean = w.mean;
+  const float* __restrict rstd = w.rstd;
   const T* __restrict x = m.x + b.first;
   const T* __restrict y = m.y + b.first;
   const T* __restrict grad_y = m.grad_y + b.first;
-  std::fill_n(sum, 2 * channels, 0.0f);
-  for (int64_t p = 0; p < b.pixels; ++p) {
-    for (int64_t c = 0; c < channels; ++c) {
-      const int64_t i = p * channels + c;
+  T* __restrict grad_identity = kTail == NormTail::kReluAddRelu ? m.grad_identity + b.first : nullptr;
+  std::fill_n(sum, fold.width, 0.0f);
+  std::fill_n(products, fold.width, 0.0f);
+  for (int64_t r = 0; r < fold.rows; ++r) {
+    for (int64_t c = 0; c < fold.width; ++c) {
+      const int64_t i = r * fold.width + c;
       float grad = ToFloat(grad_y[i]);
       if (kTail == NormTail::kReluAddRelu) {
         grad = ToFloat(y[i]) > 0 ? grad : 0.0f;
-        Assign(grad, m.grad_identity + b.first + i);
+        Assign(grad, grad_identity + i);
       }
       const float normed = (ToFloat(x[i]) - mean[c]) * rstd[c];
       grad = Masked<kTail>(grad, normed);
@@ -120,19 +180,35 @@ HOLDFAST_INLINE void GradientsOfBlock(const NormMaps<T>& m, const Block& b, floa
 }
 
 template <NormTail kTail, typename T>
+HOLDFAST_INLINE void GradientsOfBlock(const NormMaps<T>& m, const Block& b, float* sum, float* products) {
+  const Fold fold = FoldOf(b.pixels, m.channels);
+  if (fold.fold == 1) return SumGradients<kTail>(m, b, fold, sum, products);
+  float wide_sum[kMaxWidth];
+  float wide_products[kMaxWidth];
+  SumGradients<kTail>(m, b, fold, wide_sum, wide_products);
+  Narrow(fold, wide_sum, sum);
+  Narrow(fold, wide_products, products);
+}
+
+template <NormTail kTail, typename T>
 HOLDFAST_INLINE void ApplyGradientsToBlock(const NormMaps<T>& m, const Block& b) {
-  const int64_t channels = m.channels;
-  const float* __restrict mean = m.moments + b.map * 2 * channels;
-  const float* __restrict rstd = mean + channels;
-  const float* __restrict sum = m.sums + b.map * 2 * channels;
-  const float* __restrict products = sum + channels;
+  const Fold fold = FoldOf(b.pixels, m.channels);
+  WideMoments w;
+  WidenMoments(m.moments + b.map * 2 * m.channels, fold, w);
+  float sum_buffer[kMaxWidth];
+  float products_buffer[kMaxWidth];
+  const float* sums = m.sums + b.map * 2 * m.channels;
+  const float* __restrict mean = w.mean;
+  const float* __restrict rstd = w.rstd;
+  const float* __restrict sum = Widen(fold, sums, sum_buffer);
+  const float* __restrict products = Widen(fold, sums + m.channels, products_buffer);
   const T* __restrict x = m.x + b.first;
   // grad_identity holds the gradient behind the outer ReLU.
   const T* __restrict grad_y = (kTail == NormTail::kReluAddRelu ? m.grad_identity : m.grad_y) + b.first;
   T* __restrict grad_x = m.grad_x + b.first;
-  for (int64_t p = 0; p < b.pixels; ++p) {
-    for (int64_t c = 0; c < channels; ++c) {
-      const int64_t i = p * channels + c;
+  for (int64_t r = 0; r < fold.rows; ++r) {
+    for (int64_t c = 0; c < fold.width; ++c) {
+      const int64_t i = r * fold.width + c;
       const float normed = (ToFloat(x[i]) - mean[c]) * rstd[c];
       const float grad = Masked<kTail>(ToFloat(grad_y[i]), normed);
       Assign(rstd[c] * (grad - sum[c] - normed * products[c]), grad_x + i);

@@ -104,9 +104,10 @@ TEST(CorrelationTest, HalfPrecisionMapsAreReadExactly) {
 TEST(CorrelationTest, SeparateFramesGiveTheSameAsOneTensor) {
   const Inputs in = MakeInputs(32, 3);
   const std::vector<FeaturePyramid> frames = BuildPyramids(in.maps, 3);
+  const PyramidCells joined = JoinPyramids(frames);
   FeatureViews views;
   views.Add(frames, 6);
-  views.Add(JoinPyramids(frames), in.xy.size(0) - 6);
+  views.Add(joined, in.xy.size(0) - 6);
   const torch::Tensor want = Correlate(BuildCells(in.maps, 3), in.templates, in.xy, kRadius);
   EXPECT_TRUE(torch::equal(Correlate(views, in.templates, in.xy, kRadius), want));
 }
