@@ -191,8 +191,8 @@ void DataFromFlags(TrainRequest& request) {
   data.seed = absl::GetFlag(FLAGS_seed);
   TrainingDataOptions& validation = request.validation_data = data;
   validation.augment = false;
-  validation.motion_ramp_clips = 0;
   if (absl::GetFlag(FLAGS_validate_on_training)) return;
+  validation.motion_ramp_clips = 0;
   validation.clips = 0;
   validation.seed = kValidationSeed;
   if (data.format == "pointodyssey" && data.split == "train") validation.split = "val";

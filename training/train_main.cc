@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // holdfast-train: flags -> request -> training. Exit status: 0 when done or after SIGTERM, 1 when it failed, 2 for
 // wrong flags.
+#include <malloc.h>
+
 #include <algorithm>
 #include <cstdlib>
 #include <iostream>
@@ -18,6 +20,14 @@ namespace {
 
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
+
+// A step frees what the next one takes again: tensors of some megabytes, which malloc would hand back to the kernel
+// each time, to be cleared and mapped anew (an eighth of a step's time).
+void KeepFreedMemory() {
+  mallopt(M_MMAP_THRESHOLD, 32 << 20);  // the largest that glibc takes
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  mallopt(M_TOP_PAD, 64 << 20);
+}
 
 absl::StatusOr<TrainRequest> ReadRequest(const std::vector<std::string>& args) {
   const absl::Status status = SetFlagsFromEnvironment("HOLDFAST_", std::getenv);
@@ -38,6 +48,7 @@ int Main(const std::vector<std::string>& args) {
   if (std::count(args.begin(), args.end(), "--version") > 0) {
     return std::cout << "holdfast-train " HOLDFAST_VERSION "\n", EXIT_SUCCESS;
   }
+  KeepFreedMemory();
   const StopSignal stop;
   const absl::StatusOr<TrainRequest> request = ReadRequest(args);
   if (!request.ok()) return Fail(request.status(), kUsageError);
