@@ -6,8 +6,8 @@
 
 #include <array>
 
-#include "training/rng.h"
 #include "training/curve.h"
+#include "training/rng.h"
 
 namespace holdfast {
 

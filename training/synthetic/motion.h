@@ -7,8 +7,8 @@
 
 #include <vector>
 
-#include "training/rng.h"
 #include "training/curve.h"
+#include "training/rng.h"
 
 namespace holdfast {
 
