@@ -26,6 +26,7 @@ TrackReactor::TrackReactor(Deps deps, grpc::CallbackServerContext* context)
       context_(context),
       log_(deps_.log),
       last_activity_(started_) {
+  absl::MutexLock lock(&mu_);
   StartRead(&request_);
 }
 

@@ -6,7 +6,9 @@
 #include <atomic>
 #include <cmath>
 #include <thread>
+#include <vector>
 
+#include "absl/synchronization/mutex.h"
 #include "proto/errors.h"
 #include "tests/support/fake_engine.h"
 #include "tests/support/status_matchers.h"
@@ -147,21 +149,37 @@ TEST_F(RejectionTest, TooManySessionsAreRefusedWithATimeToComeBack) {
 }
 
 TEST_F(RejectionTest, StreamsThatNeverSendAConfigCannotPileUp) {
+  constexpr int kStreams = 40;
+  constexpr int kAdmitted = 1 + 32;  // a session and those that wait to become one
   ServerOptions options;
   options.engine.max_sessions = 1;
   TestServer server(&engine_, options);
   const auto channel = server.NewChannel();
-  std::vector<std::unique_ptr<TrackCall>> silent;
-  absl::Status refused;
-  for (int i = 0; i < 200 && refused.ok(); ++i) {
-    silent.push_back(std::make_unique<TrackCall>(channel));
-    // Only a call that is refused ends by itself; its neighbours are cancelled below.
-    if (i >= 33) refused = silent.back()->ReadToEnd();
+  absl::Mutex mutex;
+  std::vector<absl::Status> refused;
+  std::vector<std::unique_ptr<TrackCall>> calls;
+  std::vector<std::thread> readers;
+  for (int i = 0; i < kStreams; ++i) {
+    calls.push_back(std::make_unique<TrackCall>(channel));
+    readers.emplace_back([&, call = calls.back().get()] {
+      const absl::Status status = call->ReadToEnd();  // the admitted ones end below
+      absl::MutexLock lock(&mutex);
+      if (!absl::IsCancelled(status)) refused.push_back(status);
+    });
   }
-  EXPECT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted));
-  ASSERT_TRUE(OverloadDetails(refused).has_value());
-  EXPECT_EQ(OverloadDetails(refused)->subject, "streams");
-  for (auto& call : silent) call->Cancel();
+  {
+    const auto all_refused = [&] { return refused.size() == kStreams - kAdmitted; };
+    absl::MutexLock lock(&mutex);
+    mutex.Await(absl::Condition(&all_refused));
+  }
+  for (auto& call : calls) call->Cancel();
+  for (std::thread& reader : readers) reader.join();
+  ASSERT_THAT(refused, SizeIs(kStreams - kAdmitted));
+  for (const absl::Status& status : refused) {
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted));
+    ASSERT_TRUE(OverloadDetails(status).has_value());
+    EXPECT_EQ(OverloadDetails(status)->subject, "streams");
+  }
 }
 
 // Reads to the end while time goes by, step by step, because what happened last is not known to the test.

@@ -75,12 +75,13 @@ class FakeEngine final : public Engine {
                                                              SessionListener& listener) override {
     absl::MutexLock lock(&mu_);
     if (config.hop_frames > 23) return InvalidFieldError("config.hop_frames", "is above 23");
-    if (live_sessions_ >= options_.max_sessions) {
+    if (admitted_ >= options_.max_sessions) {
       metrics_.AdmissionRejected(RejectReason::kSessions);
       return OverloadError("sessions", "all are open", absl::Milliseconds(2500));
     }
     metrics_.SessionOpened();
     ++live_sessions_;
+    ++admitted_;
     return std::make_unique<Session>(*this, listener, ++next_session_, config);
   }
 
@@ -93,6 +94,7 @@ class FakeEngine final : public Engine {
     }
     ~Session() override {
       engine_.Forget(this);
+      if (!done_) engine_.GiveBack();
       engine_.metrics_.SessionClosed(outcome_);
     }
 
@@ -190,6 +192,7 @@ class FakeEngine final : public Engine {
 
     void Done(const absl::Status& status) {
       if (std::exchange(done_, true)) return;
+      engine_.GiveBack();  // before OnDone: who hears of the end may come back at once
       outcome_ = status.ok()                 ? SessionOutcome::kCompleted
                  : absl::IsCancelled(status) ? SessionOutcome::kCancelled
                                              : SessionOutcome::kFailed;
@@ -232,6 +235,10 @@ class FakeEngine final : public Engine {
   void PostFirst(Session* session, std::function<void()> run) {
     absl::MutexLock lock(&mu_);
     tasks_.push_front({session, std::move(run), false, true});
+  }
+  void GiveBack() {
+    absl::MutexLock lock(&mu_);
+    --admitted_;
   }
   // Blocks until the session is not in use.
   void Forget(Session* session) {
@@ -295,7 +302,8 @@ class FakeEngine final : public Engine {
   bool held_ ABSL_GUARDED_BY(mu_) = false;
   bool stopping_ ABSL_GUARDED_BY(mu_) = false;
   int frames_taken_ ABSL_GUARDED_BY(mu_) = 0;
-  int live_sessions_ ABSL_GUARDED_BY(mu_) = 0;
+  int live_sessions_ ABSL_GUARDED_BY(mu_) = 0;  // not destroyed
+  int admitted_ ABSL_GUARDED_BY(mu_) = 0;       // not done
   int next_session_ ABSL_GUARDED_BY(mu_) = 0;
   std::thread worker_;
 };

@@ -10,6 +10,10 @@
 #include "absl/base/config.h"
 #include "absl/synchronization/mutex.h"
 
+// Of the sanitizer's runtime, which has no header for them.
+extern "C" void AnnotateIgnoreReadsBegin(const char* file, int line);
+extern "C" void AnnotateIgnoreReadsEnd(const char* file, int line);
+
 namespace {
 
 #define HOLDFAST_TEXT_OF(x) #x
@@ -24,13 +28,33 @@ void* LibraryFunction(const char* name) {
 
 using MutexFunction = void (*)(absl::Mutex*);
 
+// A mutex evaluates the conditions that are waited for while it is held, on any thread and inside of its functions.
+class IgnoreConditions {
+ public:
+  IgnoreConditions() { AnnotateIgnoreReadsBegin(__FILE__, __LINE__); }
+  ~IgnoreConditions() { AnnotateIgnoreReadsEnd(__FILE__, __LINE__); }
+};
+
 }  // namespace
 
-// absl::Status counts its references in the library; GDAL, which OpenCV's codecs load, orders its own locks.
+// absl::Status counts its references in the library; GDAL, which OpenCV's codecs load, orders its own locks; gRPC hands
+// calls and messages from thread to thread by atomics of its own, partly from within its headers.
 extern "C" const char* __tsan_default_suppressions() {
   return "race:absl::*Status::Unref\n"
-         "deadlock:libgdal\n";
+         "deadlock:libgdal\n"
+         "race:grpc::internal::ServerCallbackCall::Ref\n"
+         "race:grpc::internal::ServerCallbackCall::Un\n"
+         "race_top:^grpc::\n"
+         "race_top:^grpc_*\n"
+         "race_top:^google::protobuf::\n"
+         "race_top:^holdfast::v1::\n"
+         "race_top:std::_Function_base::\n"
+         "race_top:std::function<\n"
+         "race_top:std::enable_if<*swap<\n"
+         "deadlock:libgrpc\n";
 }
+
+extern "C" const char* __tsan_default_options() { return "ignore_noninstrumented_modules=1"; }
 
 namespace absl {
 ABSL_NAMESPACE_BEGIN
@@ -44,7 +68,32 @@ void Mutex::Lock() {
 void Mutex::Unlock() {
   static const auto library = reinterpret_cast<MutexFunction>(LibraryFunction("5Mutex6UnlockEv"));
   __tsan_release(this);
+  const IgnoreConditions ignore;
   library(this);
+}
+
+void Mutex::Await(const Condition& condition) {
+  static const auto library =
+      reinterpret_cast<void (*)(Mutex*, const Condition&)>(LibraryFunction("5Mutex5AwaitERKNS0_9ConditionE"));
+  __tsan_release(this);
+  {
+    const IgnoreConditions ignore;
+    library(this, condition);
+  }
+  __tsan_acquire(this);
+}
+
+bool Mutex::AwaitWithTimeout(const Condition& condition, Duration timeout) {
+  static const auto library = reinterpret_cast<bool (*)(Mutex*, const Condition&, Duration)>(
+      LibraryFunction("5Mutex16AwaitWithTimeoutERKNS0_9ConditionENS0_8DurationE"));
+  __tsan_release(this);
+  bool met;
+  {
+    const IgnoreConditions ignore;
+    met = library(this, condition, timeout);
+  }
+  __tsan_acquire(this);
+  return met;
 }
 
 void CondVar::Wait(Mutex* mutex) {
