@@ -29,8 +29,8 @@ json Payload(const absl::Status& status, absl::string_view url) {
 absl::Status InvalidFieldsError(std::vector<FieldViolation> violations) {
   json list = json::array();
   for (const FieldViolation& v : violations) list.push_back({{"field", v.field}, {"description", v.description}});
-  absl::Status status = absl::InvalidArgumentError(
-      absl::StrJoin(violations, "; ", [](std::string* out, const FieldViolation& v) {
+  absl::Status status =
+      absl::InvalidArgumentError(absl::StrJoin(violations, "; ", [](std::string* out, const FieldViolation& v) {
         absl::StrAppend(out, v.field, ": ", v.description);
       }));
   status.SetPayload(kFieldsPayload, absl::Cord(Dump(list)));

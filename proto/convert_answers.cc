@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the server answers.
+#include <cstdint>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "proto/convert.h"
+
+namespace holdfast {
+namespace {
+
+constexpr uint32_t kMaxWindowFrames = 1 << 20;
+
+void SizeToProto(const ImageSize& size, v1::ImageSize* out) {
+  out->set_width(size.width);
+  out->set_height(size.height);
+}
+
+ImageSize SizeFromProto(const v1::ImageSize& size) {
+  return {static_cast<int>(size.width()), static_cast<int>(size.height())};
+}
+
+void LimitsToProto(const SessionLimits& limits, v1::SessionLimits* out) {
+  out->set_max_points(limits.max_points);
+  out->set_max_frame_bytes(limits.max_frame_bytes);
+  out->set_max_frame_pixels(limits.max_frame_pixels);
+  out->set_max_frames(limits.max_frames);
+}
+
+SessionLimits LimitsFromProto(const v1::SessionLimits& limits) {
+  return {static_cast<int>(limits.max_points()), static_cast<int64_t>(limits.max_frame_bytes()),
+          static_cast<int64_t>(limits.max_frame_pixels()), static_cast<int64_t>(limits.max_frames())};
+}
+
+void RunToProto(const PointRun& run, v1::PointRun* out) {
+  out->set_id(run.id);
+  out->set_first_frame(run.first_frame);
+  out->mutable_x()->Add(run.x.begin(), run.x.end());
+  out->mutable_y()->Add(run.y.begin(), run.y.end());
+  out->mutable_visible()->Add(run.visible.begin(), run.visible.end());
+  out->mutable_confidence()->Add(run.confidence.begin(), run.confidence.end());
+  out->set_final_count(static_cast<uint32_t>(run.final_count));
+}
+
+absl::StatusOr<PointRun> RunFromProto(const v1::PointRun& run) {
+  const int length = run.x_size();
+  if (run.y_size() != length || run.visible_size() != length || run.confidence_size() != length ||
+      run.final_count() > static_cast<uint32_t>(length) || run.first_frame() < 0) {
+    return absl::InternalError(absl::StrCat("the server sent a malformed run of point ", run.id()));
+  }
+  return PointRun{run.id(),
+                  run.first_frame(),
+                  {run.x().begin(), run.x().end()},
+                  {run.y().begin(), run.y().end()},
+                  {run.visible().begin(), run.visible().end()},
+                  {run.confidence().begin(), run.confidence().end()},
+                  run.final_count()};
+}
+
+}  // namespace
+
+v1::SessionAccepted ToProto(const SessionAccepted& accepted) {
+  v1::SessionAccepted out;
+  out.set_session_id(accepted.session_id);
+  SizeToProto(accepted.processing_size, out.mutable_processing_size());
+  out.set_hop_frames(accepted.hop_frames);
+  out.set_iterations(accepted.iterations);
+  out.set_window_frames(accepted.window_frames);
+  LimitsToProto(accepted.limits, out.mutable_limits());
+  return out;
+}
+
+absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted) {
+  if (accepted.window_frames() < 2 || accepted.window_frames() > kMaxWindowFrames || accepted.hop_frames() < 1 ||
+      accepted.hop_frames() >= accepted.window_frames()) {
+    return absl::InternalError("the server sent a malformed SessionAccepted");
+  }
+  SessionAccepted out;
+  out.session_id = accepted.session_id();
+  out.processing_size = SizeFromProto(accepted.processing_size());
+  out.hop_frames = static_cast<int>(accepted.hop_frames());
+  out.iterations = static_cast<int>(accepted.iterations());
+  out.window_frames = static_cast<int>(accepted.window_frames());
+  out.limits = LimitsFromProto(accepted.limits());
+  return out;
+}
+
+v1::Tracks ToProto(const TrackUpdate& update) {
+  v1::Tracks out;
+  out.mutable_runs()->Reserve(static_cast<int>(update.runs.size()));
+  for (const PointRun& run : update.runs) RunToProto(run, out.add_runs());
+  out.set_frames_received(update.frames_received);
+  out.set_frames_processed(update.frames_processed);
+  return out;
+}
+
+absl::StatusOr<TrackUpdate> FromProto(const v1::Tracks& tracks) {
+  TrackUpdate out;
+  out.runs.reserve(tracks.runs_size());
+  for (const v1::PointRun& run : tracks.runs()) {
+    absl::StatusOr<PointRun> converted = RunFromProto(run);
+    if (!converted.ok()) return converted.status();
+    out.runs.push_back(*std::move(converted));
+  }
+  out.frames_received = tracks.frames_received();
+  out.frames_processed = tracks.frames_processed();
+  return out;
+}
+
+v1::SessionSummary ToProto(const SessionSummary& summary) {
+  v1::SessionSummary out;
+  out.set_frames(summary.frames);
+  out.set_points(summary.points);
+  out.set_final_samples(summary.final_samples);
+  return out;
+}
+
+SessionSummary FromProto(const v1::SessionSummary& summary) {
+  return {summary.frames(), summary.points(), summary.final_samples()};
+}
+
+v1::GetServerInfoResponse ToProto(const TrackerInfo& info) {
+  v1::GetServerInfoResponse out;
+  out.set_model_name(info.model_name);
+  out.set_preset(info.preset);
+  out.set_weights_sha256(info.weights_sha256);
+  out.set_precision(info.precision);
+  out.set_device(info.device);
+  out.set_build(info.build);
+  SizeToProto(info.default_processing_size, out.mutable_default_processing_size());
+  out.set_window_frames(info.window_frames);
+  out.set_default_hop_frames(info.default_hop_frames);
+  out.set_default_iterations(info.default_iterations);
+  out.set_max_sessions(info.max_sessions);
+  LimitsToProto(info.limits, out.mutable_limits());
+  return out;
+}
+
+absl::StatusOr<TrackerInfo> FromProto(const v1::GetServerInfoResponse& info) {
+  TrackerInfo out;
+  out.model_name = info.model_name();
+  out.preset = info.preset();
+  out.weights_sha256 = info.weights_sha256();
+  out.precision = info.precision();
+  out.device = info.device();
+  out.build = info.build();
+  out.default_processing_size = SizeFromProto(info.default_processing_size());
+  out.window_frames = static_cast<int>(info.window_frames());
+  out.default_hop_frames = static_cast<int>(info.default_hop_frames());
+  out.default_iterations = static_cast<int>(info.default_iterations());
+  out.max_sessions = static_cast<int>(info.max_sessions());
+  out.limits = LimitsFromProto(info.limits());
+  if (out.window_frames < 2) return absl::InternalError("the server sent a malformed GetServerInfoResponse");
+  return out;
+}
+
+}  // namespace holdfast
