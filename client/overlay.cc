@@ -47,10 +47,10 @@ void PaintPoint(const TrackSample& sample, const cv::Scalar& color, cv::Mat& pic
     cv::circle(picture, center, FixedRadius(1.0f * unit), color, cv::FILLED, cv::LINE_AA, kSubpixelBits);
     return;
   }
-  const int thickness = std::max(1, static_cast<int>(std::lround(0.5f * unit)));
-  cv::circle(picture, center, FixedRadius(1.5f * unit), color, thickness, cv::LINE_AA, kSubpixelBits);
-  const float rim = 1.5f * unit + 0.5f * static_cast<float>(thickness + 1);
-  cv::circle(picture, center, FixedRadius(rim), dark, 1, cv::LINE_AA, kSubpixelBits);
+  // Dark inside: the point's own trail would fill the ring.
+  const int thickness = std::max(1, static_cast<int>(std::lround(0.4f * unit)));
+  cv::circle(picture, center, FixedRadius(1.6f * unit), dark, cv::FILLED, cv::LINE_AA, kSubpixelBits);
+  cv::circle(picture, center, FixedRadius(1.15f * unit), color, thickness, cv::LINE_AA, kSubpixelBits);
 }
 
 }  // namespace

@@ -56,7 +56,7 @@ TEST(OverlayPainterTest, AVisiblePointIsADiscAndAHiddenOneARing) {
   OverlayPainter(0).Paint(Moving(1, 1, 1, true), 0, disc);
   OverlayPainter(0).Paint(Moving(1, 1, 1, false), 0, ring);
   EXPECT_GT(Brightness(disc, 30, 20), 200);
-  EXPECT_EQ(Brightness(ring, 30, 20), 0);
+  EXPECT_LT(Brightness(ring, 30, 20), 60);
   EXPECT_GT(Brightest(ring.row(20)), 150);
   EXPECT_EQ(Brightness(disc, 40, 20), 0) << "no trail was asked for";
 }
