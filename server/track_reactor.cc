@@ -39,7 +39,6 @@ void TrackReactor::OnReadDone(bool ok) {
   EngineSession* session;
   {
     absl::MutexLock lock(&mu_);
-    reading_ = false;
     last_activity_ = deps_.clock.Now();
     if (input_closed_ || cancelled_ || done_) return;
     session = session_.get();
@@ -48,6 +47,7 @@ void TrackReactor::OnReadDone(bool ok) {
   const absl::Status status = session == nullptr ? Open() : Apply(*session);
   if (!status.ok()) return End(status);
   absl::MutexLock lock(&mu_);
+  reading_ = false;  // not before: writes and the engine start reads too, and messages have to stay in their order
   MaybeReadLocked();
 }
 

@@ -85,7 +85,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::
   absl::Mutex mu_;
   grpc::CallbackServerContext* context_ ABSL_GUARDED_BY(mu_);  // null after gRPC's OnDone
   std::shared_ptr<spdlog::logger> log_ ABSL_GUARDED_BY(mu_);
-  bool reading_ ABSL_GUARDED_BY(mu_) = true;  // a read is in flight
+  bool reading_ ABSL_GUARDED_BY(mu_) = true;  // a read is in flight or being handled
   bool writing_ ABSL_GUARDED_BY(mu_) = false;
   bool full_ ABSL_GUARDED_BY(mu_) = false;          // the engine has no room for a frame
   bool input_closed_ ABSL_GUARDED_BY(mu_) = false;  // nothing more is taken from the client

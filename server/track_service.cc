@@ -57,7 +57,7 @@ absl::Status TrackService::AdmitLocked() {
     events_.StreamRefused(RefusalReason::kLoading);
     return absl::UnavailableError("the server is still loading its model");
   }
-  if (alive_ >= options_.max_streams) {
+  if (static_cast<int>(live_.size() - retired_.size()) >= options_.max_streams) {
     events_.StreamRefused(RefusalReason::kStreams);
     return OverloadError("streams", absl::StrCat("all ", options_.max_streams, " are open"), kRetryAfter);
   }
