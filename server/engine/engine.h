@@ -37,9 +37,10 @@ struct EngineOptions {
   int max_batch_frames = 4;    // frames of one encoder batch, over all sessions
   int max_pending_frames = 8;  // accepted frames of a session that are not encoded yet; then PushFrame says "full"
   int64_t cache_budget_bytes = int64_t{4} << 30;  // features of all sessions; a session that would not fit is refused
-  int64_t max_processing_pixels = 1024 * 1024;    // of a session's processing size
-  int max_iterations = 16;                        // of a session
-  SessionLimits limits{/*max_points=*/2048, /*max_frame_bytes=*/16 << 20, /*max_frame_pixels=*/3840 * 2160,
+  int64_t max_processing_pixels = int64_t{1024} * 1024;  // of a session's processing size
+  int max_iterations = 16;                               // of a session
+  SessionLimits limits{/*max_points=*/2048, /*max_frame_bytes=*/int64_t{16} << 20,
+                       /*max_frame_pixels=*/int64_t{3840} * 2160,
                        /*max_frames=*/0};
 
   absl::Status Validate() const;
