@@ -64,7 +64,7 @@ class TrainerImpl : public Trainer {
  private:
   const Recipe& recipe() const { return options_.recipe; }
   bool leads() const { return parts_.group->rank() == 0; }
-  bool Done() const { return state_.progress >= 1; }
+  bool Done() const { return progress_ >= 1; }
   absl::Duration Elapsed() const { return elapsed_before_ + (parts_.clock->Now() - run_began_); }
 
   absl::Status Loop();
@@ -74,7 +74,7 @@ class TrainerImpl : public Trainer {
   absl::Status Update(StepReport& report, std::vector<double>& extra);
   absl::Status Guard(bool finite);
   void Finish(StepReport& report, const std::vector<double>& extra);
-  double ProgressAfterStep() const;
+  double ProgressAt(int64_t step, absl::Duration elapsed) const;
   absl::Status Validate();
   absl::Status Checkpoint();
   absl::Status SaveAverage(const std::string& name);
@@ -85,6 +85,7 @@ class TrainerImpl : public Trainer {
   WeightAverage average_;
   torch::optim::AdamW optimizer_;
   TrainingState state_;  // but for the optimizer and the average, which are filled in when it is saved
+  double progress_ = 0;  // share of the training done
   std::unique_ptr<Loader> loader_;
   const Phase* phase_ = nullptr;  // of the loader
   absl::Time run_began_;
@@ -113,6 +114,7 @@ absl::Status TrainerImpl::Resume() {
   if (status.ok()) status = average_.Restore(checkpoint.state.average, checkpoint.state.average_updates);
   if (!status.ok()) return absl::DataLossError(absl::StrCat(checkpoint.path, ": ", status.message()));
   state_ = std::move(checkpoint.state);
+  progress_ = ProgressAt(state_.step, state_.elapsed);
   working_.Refresh();
   if (leads()) {
     if (!checkpoint.skipped.empty()) parts_.observer->Notice(absl::StrCat("passed over: ", checkpoint.skipped));
@@ -166,7 +168,7 @@ absl::Status TrainerImpl::Loop() {
 }
 
 absl::Status TrainerImpl::OpenLoader() {
-  const Phase* phase = &recipe().PhaseAt(state_.progress);
+  const Phase* phase = &recipe().PhaseAt(progress_);
   if (phase == phase_) return absl::OkStatus();
   if (loader_ != nullptr) skipped_samples_ += loader_->skipped();
   loader_.reset();
@@ -179,7 +181,7 @@ absl::Status TrainerImpl::OpenLoader() {
 
 absl::Status TrainerImpl::Step() {
   StepReport report;
-  report.learning_rate = LearningRate(recipe().schedule, state_.progress);
+  report.learning_rate = LearningRate(recipe().schedule, progress_);
   static_cast<torch::optim::AdamWOptions&>(optimizer_.param_groups()[0].options()).lr(report.learning_rate);
   absl::Status status = OpenLoader();
   std::vector<double> extra(kExtraCount, 0.0);
@@ -198,7 +200,7 @@ absl::Status TrainerImpl::AddBatch(StepReport& report, std::vector<double>& extr
   const int64_t world = parts_.group->world(), rank = parts_.group->rank();
   const int64_t first_draw = (state_.next_batch++ * world + rank) * recipe().batch_size;
   const ClipStepOptions options = {
-      recipe().LossAt(state_.progress), {recipe().noisy_start, recipe().streaming_windows}, phase_->iterations};
+      recipe().LossAt(progress_), {recipe().noisy_start, recipe().streaming_windows}, phase_->iterations};
   for (size_t i = 0; i < batch->size(); ++i) {
     const absl::StatusOr<ClipTensors> clip = ToTensors((*batch)[i], parts_.model->options().stride);
     if (!clip.ok()) return clip.status();
@@ -213,17 +215,16 @@ absl::Status TrainerImpl::AddBatch(StepReport& report, std::vector<double>& extr
   return absl::OkStatus();
 }
 
-double TrainerImpl::ProgressAfterStep() const {
-  const double by_time = absl::FDivDuration(Elapsed(), options_.time_budget);
-  if (recipe().steps == 0) return std::min(by_time, 1.0);
-  if (by_time >= 1) return 1;
-  return static_cast<double>(state_.step + 1) / static_cast<double>(recipe().steps);
+double TrainerImpl::ProgressAt(int64_t step, absl::Duration elapsed) const {
+  const double by_time = std::min(absl::FDivDuration(elapsed, options_.time_budget), 1.0);
+  if (recipe().steps == 0 || by_time >= 1) return by_time;
+  return std::min(static_cast<double>(step) / static_cast<double>(recipe().steps), 1.0);
 }
 
 absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra) {
   const absl::Time begin = parts_.clock->Now();
   extra[kStop] = parts_.stop->load() ? 1 : 0;
-  extra[kProgress] = leads() ? ProgressAfterStep() : 0;
+  extra[kProgress] = leads() ? ProgressAt(state_.step + 1, Elapsed()) : 0;
   report.clips = recipe().batch_size * recipe().accumulate * parts_.group->world();
   const double share = 1.0 / static_cast<double>(report.clips);
   absl::StatusOr<torch::Tensor> gradient = SumGradients(parts_.model->parameters(), share, *parts_.group, extra);
@@ -247,13 +248,12 @@ void TrainerImpl::Finish(StepReport& report, const std::vector<double>& extra) {
   stop_ = extra[kStop] > 0;
   state_.step += 1;
   // Single precision on the wire must not end a training early or late.
-  state_.progress = recipe().steps > 0 && extra[kProgress] < 1
-                        ? static_cast<double>(state_.step) / static_cast<double>(recipe().steps)
-                        : extra[kProgress];
+  progress_ =
+      recipe().steps > 0 && extra[kProgress] < 1 ? ProgressAt(state_.step, absl::ZeroDuration()) : extra[kProgress];
   state_.skipped_steps += report.skipped ? 1 : 0;
   report.step = state_.step;
   report.steps = recipe().steps;
-  report.progress = state_.progress;
+  report.progress = progress_;
   report.when = parts_.clock->Now();
   report.elapsed = Elapsed();
   report.skipped_steps = state_.skipped_steps;

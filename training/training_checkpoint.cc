@@ -63,7 +63,6 @@ std::string ToJson(const TrainingState& state) {
                                {"next_batch", state.next_batch},
                                {"seed", state.seed},
                                {"elapsed_s", absl::ToDoubleSeconds(state.elapsed)},
-                               {"progress", state.progress},
                                {"skipped_steps", state.skipped_steps},
                                {"best", state.best},
                                {"recipe", state.recipe},
@@ -79,7 +78,6 @@ absl::StatusOr<TrainingState> FromJson(const std::string& text) {
     json.at("next_batch").get_to(state.next_batch);
     json.at("seed").get_to(state.seed);
     state.elapsed = absl::Seconds(json.at("elapsed_s").get<double>());
-    json.at("progress").get_to(state.progress);
     json.at("skipped_steps").get_to(state.skipped_steps);
     json.at("best").get_to(state.best);
     json.at("recipe").get_to(state.recipe);

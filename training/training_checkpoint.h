@@ -24,7 +24,6 @@ struct TrainingState {
   int64_t next_batch = 0;  // of the data
   uint64_t seed = 0;       // of all chance: what a step draws is a function of it and of the batch's number
   absl::Duration elapsed;  // of training, over all runs
-  double progress = 0;     // share of the training done
   int64_t skipped_steps = 0;
   double best = -1;       // validation so far; below 0: none yet
   std::string recipe;     // Describe() of the recipe

@@ -295,6 +295,20 @@ TEST_F(TrainerTest, ElapsedTimeAddsUpOverRuns) {
   EXPECT_EQ(first.steps.size() + second.steps.size(), 6u);
 }
 
+TEST_F(TrainerTest, ALongerTimeBudgetGoesOnWithAFinishedTraining) {
+  options_.recipe.steps = 0;
+  options_.time_budget = absl::Seconds(4);
+  const TempDir dir;
+  Recorder first, second;
+  first.on_step = second.on_step = [this](const StepReport&) { clock_.Advance(absl::Seconds(2)); };
+  ASSERT_THAT(Train(dir, first), IsOk());
+  options_.time_budget = absl::Seconds(8);
+  const auto summary = Train(dir, second);
+  ASSERT_THAT(summary, IsOk());
+  EXPECT_EQ(summary->reason, StopReason::kFinished);
+  EXPECT_GT(summary->step, static_cast<int64_t>(first.steps.size()));
+}
+
 TEST_F(TrainerTest, ValidatesTheAveragedWeightsAndKeepsTheBest) {
   options_.validate_every = 4;
   const auto clips = OpenTrainingData(TestData(), options_.recipe.phases[0]);

@@ -27,7 +27,6 @@ TrainingState StateAt(int64_t step) {
   state.next_batch = 3 * step;
   state.seed = 0xFFFFFFFFFFFFFFFFull;
   state.elapsed = absl::Milliseconds(1500);
-  state.progress = 0.25;
   state.skipped_steps = 2;
   state.best = 41.5;
   state.recipe = "a \"recipe\"";
@@ -52,7 +51,6 @@ TEST(TrainingCheckpointTest, GivesBackWhatWasSaved) {
   EXPECT_EQ(state.next_batch, 15);
   EXPECT_EQ(state.seed, 0xFFFFFFFFFFFFFFFFull);
   EXPECT_EQ(state.elapsed, absl::Milliseconds(1500));
-  EXPECT_EQ(state.progress, 0.25);
   EXPECT_EQ(state.skipped_steps, 2);
   EXPECT_EQ(state.best, 41.5);
   EXPECT_EQ(state.recipe, "a \"recipe\"");
