@@ -272,8 +272,8 @@ void TrackReactor::MaybeFinishLocked() {
 
 void TrackReactor::LogEndLocked() {
   const auto level = IsServersFault(*done_) ? spdlog::level::err : spdlog::level::info;
-  log_->log(level, absl::StrCat(session_ == nullptr ? "stream" : "session",
-                                " ended: ", absl::StatusCodeToString(done_->code()), " ", done_->message()));
+  log_->log(level, absl::StrCat(session_ == nullptr ? "stream" : "session", " ended: ",
+                                absl::StatusCodeToString(done_->code()), done_->ok() ? "" : ": ", done_->message()));
 }
 
 }  // namespace holdfast
