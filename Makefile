@@ -10,7 +10,9 @@ PACKAGES := $(shell grep -v '^\#' deploy/packages/build.txt)
 SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 CC_FILES = git ls-files '*.cc' '*.h'
 
-.PHONY: help deps configure build test demo bench format format-check lint clean
+PICTURES ?=
+
+.PHONY: help deps configure build test demo bench train-small format format-check lint clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -23,7 +25,7 @@ deps: ## install the Debian packages of deploy/packages/build.txt that are missi
 	fi
 
 configure: deps
-	@cmake --preset $(PRESET) > $(shell mktemp -u /tmp/holdfast-configure.XXXXXX) || cmake --preset $(PRESET)
+	@cmake --preset $(PRESET) > /dev/null
 
 build: configure ## build everything (PRESET=release|asan|tsan|clang)
 	cmake --build $(BUILD) -j $(JOBS)
@@ -35,12 +37,14 @@ demo: configure ## track a real video through the server; the result lies in out
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast_server holdfast_client
 	deploy/demo.sh $(BUILD)/bin out/demo
 
-bench: build ## run the benchmarks (speed, not correctness)
-	@for b in $(BUILD)/benchmarks/*; do [ -x "$$b" ] && echo "== $$(basename $$b)" && "$$b" || true; done
+bench: configure ## measure the network's kernels, windows of video, and the synthetic generator
+	cmake --build $(BUILD) -j $(JOBS) --target model_benchmark holdfast_synth
+	$(BUILD)/bin/holdfast-model-benchmark
+	$(BUILD)/bin/holdfast-synth --benchmark --count=100
 
-train-small: configure ## train preset small for TIME=30m on synthetic scenes; weights lie in out/train-small
+train-small: configure ## train preset small for TIME=30m on synthetic scenes (PICTURES=dir); see out/train-small
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast_train
-	$(BUILD)/bin/holdfast-train --preset=small --time_budget=$(TIME) --out=out/train-small
+	$(BUILD)/bin/holdfast-train --preset=small --time_budget=$(TIME) --pictures=$(PICTURES) --out=out/train-small
 
 format: deps ## format the C++ sources in place
 	$(CC_FILES) | xargs clang-format -i
