@@ -76,7 +76,7 @@ HOLDFAST_INLINE void SumSquares(const T* __restrict x, const Fold& fold, const f
 template <typename T>
 HOLDFAST_INLINE void Moments(const T* x, int64_t pixels, int64_t channels, float* mean, float* squares) {
   const Fold fold = FoldOf(pixels, channels);
-  float wide_sums[kMaxWidth];
+  float wide_sums[kMaxWidth] = {};
   float wide_mean[kMaxWidth];
   float* sums = fold.fold == 1 ? mean : wide_sums;
   SumRows(x, fold, sums);
@@ -183,8 +183,8 @@ template <NormTail kTail, typename T>
 HOLDFAST_INLINE void GradientsOfBlock(const NormMaps<T>& m, const Block& b, float* sum, float* products) {
   const Fold fold = FoldOf(b.pixels, m.channels);
   if (fold.fold == 1) return SumGradients<kTail>(m, b, fold, sum, products);
-  float wide_sum[kMaxWidth];
-  float wide_products[kMaxWidth];
+  float wide_sum[kMaxWidth] = {};
+  float wide_products[kMaxWidth] = {};
   SumGradients<kTail>(m, b, fold, wide_sum, wide_products);
   Narrow(fold, wide_sum, sum);
   Narrow(fold, wide_products, products);
