@@ -88,6 +88,7 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
     return reactor;
   }
   *response = ToProto(engine_->info());
+  response->set_build(HOLDFAST_VERSION);
   reactor->Finish(grpc::Status::OK);
   return reactor;
 }

@@ -80,6 +80,7 @@ class PythonClientTest(unittest.TestCase):
         info = ask(self.pb.GetServerInfoRequest(), timeout=20)
         self.assertEqual(info.window_frames, 24)
         self.assertEqual(len(info.weights_sha256), 64)
+        self.assertRegex(info.build, r"^\d+\.\d+\.\d+$")
         self.assertEqual(info.default_processing_size.width, WIDTH)
         self.assertGreater(info.limits.max_points, 0)
 

@@ -89,6 +89,7 @@ TEST(ServerTest, TellsWhatItRuns) {
   v1::GetServerInfoResponse info;
   ASSERT_TRUE(v1::PointTracking::NewStub(server.NewChannel())->GetServerInfo(&context, {}, &info).ok());
   EXPECT_EQ(info.model_name(), "fake");
+  EXPECT_FALSE(info.build().empty());
   EXPECT_EQ(info.default_processing_size().width(), 512U);
   EXPECT_EQ(info.limits().max_points(), 2048U);
 }
