@@ -17,6 +17,12 @@ if(HOLDFAST_SERVER OR HOLDFAST_TRAINING)
   add_library(holdfast_torch INTERFACE)
   target_include_directories(holdfast_torch SYSTEM INTERFACE ${TORCH_INCLUDE_DIRS})
   target_link_libraries(holdfast_torch INTERFACE ${TORCH_LIBRARIES})
+  # at::parallel_for is a template: without OpenMP in our own flags it runs on one thread. LibTorch uses GCC's runtime,
+  # and a process must not have two, so clang (which serves for analysis only) goes without.
+  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+    find_package(OpenMP REQUIRED COMPONENTS CXX)
+    target_link_libraries(holdfast_torch INTERFACE OpenMP::OpenMP_CXX)
+  endif()
 endif()
 if(HOLDFAST_TESTS)
   find_package(GTest REQUIRED)
