@@ -150,32 +150,60 @@ HOLDFAST_INLINE float Masked(float grad, float normed) {
   return kTail == NormTail::kNone || normed > 0 ? grad : 0.0f;
 }
 
+// What the sums of a block read and write: values of its pixels, and of the columns of a row.
+template <typename T>
+struct GradientColumns {
+  const T* x;
+  const T* y;
+  const T* grad_y;
+  T* grad_identity;
+  const float* mean;
+  const float* rstd;
+  float* sum;
+  float* products;
+};
+
+// kLanes columns at once; compilers leave the loop below scalar for its choices.
 template <NormTail kTail, typename T>
-HOLDFAST_INLINE void SumGradients(const NormMaps<T>& m, const Block& b, const Fold& fold, float* __restrict sum,
-                                  float* __restrict products) {
+HOLDFAST_INLINE void SumLanes(const GradientColumns<T>& at, int64_t i, int64_t c) {
+  Lanes grad = Load(at.grad_y + i);
+  if (kTail == NormTail::kReluAddRelu) {
+    grad = Load(at.y + i) > 0 ? grad : Lanes{};
+    StoreExact(grad, at.grad_identity + i);
+  }
+  const Lanes normed = (Load(at.x + i) - Load(at.mean + c)) * Load(at.rstd + c);
+  if (kTail != NormTail::kNone) grad = normed > 0 ? grad : Lanes{};
+  Store(Load(at.sum + c) + grad, at.sum + c);
+  Store(Load(at.products + c) + grad * normed, at.products + c);
+}
+
+template <NormTail kTail, typename T>
+HOLDFAST_INLINE void SumColumn(const GradientColumns<T>& at, int64_t i, int64_t c) {
+  float grad = ToFloat(at.grad_y[i]);
+  if (kTail == NormTail::kReluAddRelu) {
+    grad = ToFloat(at.y[i]) > 0 ? grad : 0.0f;
+    Assign(grad, at.grad_identity + i);
+  }
+  const float normed = (ToFloat(at.x[i]) - at.mean[c]) * at.rstd[c];
+  grad = Masked<kTail>(grad, normed);
+  at.sum[c] += grad;
+  at.products[c] += grad * normed;
+}
+
+template <NormTail kTail, typename T>
+HOLDFAST_INLINE void SumGradients(const NormMaps<T>& m, const Block& b, const Fold& fold, float* sum,
+                                  float* products) {
   WideMoments w;
   WidenMoments(m.moments + b.map * 2 * m.channels, fold, w);
-  const float* __restrict mean = w.mean;
-  const float* __restrict rstd = w.rstd;
-  const T* __restrict x = m.x + b.first;
-  const T* __restrict y = m.y + b.first;
-  const T* __restrict grad_y = m.grad_y + b.first;
-  T* __restrict grad_identity = kTail == NormTail::kReluAddRelu ? m.grad_identity + b.first : nullptr;
+  T* grad_identity = kTail == NormTail::kReluAddRelu ? m.grad_identity + b.first : nullptr;
+  const GradientColumns<T> at = {m.x + b.first, m.y + b.first, m.grad_y + b.first, grad_identity, w.mean, w.rstd, sum,
+                                 products};
   std::fill_n(sum, fold.width, 0.0f);
   std::fill_n(products, fold.width, 0.0f);
   for (int64_t r = 0; r < fold.rows; ++r) {
-    for (int64_t c = 0; c < fold.width; ++c) {
-      const int64_t i = r * fold.width + c;
-      float grad = ToFloat(grad_y[i]);
-      if (kTail == NormTail::kReluAddRelu) {
-        grad = ToFloat(y[i]) > 0 ? grad : 0.0f;
-        Assign(grad, grad_identity + i);
-      }
-      const float normed = (ToFloat(x[i]) - mean[c]) * rstd[c];
-      grad = Masked<kTail>(grad, normed);
-      sum[c] += grad;
-      products[c] += grad * normed;
-    }
+    int64_t c = 0;
+    for (; c + kLanes <= fold.width; c += kLanes) SumLanes<kTail>(at, r * fold.width + c, c);
+    for (; c < fold.width; ++c) SumColumn<kTail>(at, r * fold.width + c, c);
   }
 }
 

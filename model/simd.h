@@ -62,6 +62,14 @@ HOLDFAST_INLINE Lanes LoadTail(const T* from, int64_t count) {
   return Load(values);
 }
 HOLDFAST_INLINE void Store(Lanes value, float* to) { std::memcpy(to, &value, sizeof(value)); }
+// Cuts off the lower halves: for values that are bfloat16 already.
+HOLDFAST_INLINE void StoreExact(Lanes value, float* to) { Store(value, to); }
+HOLDFAST_INLINE void StoreExact(Lanes value, Bf16* to) {
+  using Halves = uint16_t __attribute__((vector_size(32)));
+  using Words = uint32_t __attribute__((vector_size(64)));
+  const Halves halves = __builtin_convertvector(reinterpret_cast<Words>(value) >> 16, Halves);
+  std::memcpy(to, &halves, sizeof(halves));
+}
 
 HOLDFAST_INLINE float Sum(Lanes v) {
   using Eight = float __attribute__((vector_size(32)));
