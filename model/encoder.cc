@@ -5,6 +5,7 @@
 
 #include "model/convolution.h"
 #include "model/instance_norm.h"
+#include "model/resize.h"
 
 namespace holdfast {
 namespace {
@@ -15,12 +16,6 @@ torch::nn::Conv2d MakeConv(int64_t in_channels, int64_t out_channels, int64_t ke
   torch::nn::init::kaiming_normal_(conv->weight, 0, torch::kFanOut, torch::kReLU);
   UseChannelsLast(conv);
   return conv;
-}
-
-// Bilinear, corners on corners.
-torch::Tensor ResizeTo(const torch::Tensor& map, int64_t height, int64_t width) {
-  if (map.size(2) == height && map.size(3) == width) return map;
-  return at::upsample_bilinear2d(map, {height, width}, /*align_corners=*/true);
 }
 
 }  // namespace
@@ -61,7 +56,7 @@ torch::Tensor EncoderImpl::forward(const torch::Tensor& x) {
   std::vector<torch::Tensor> scales;
   for (auto& layer : layers_) {
     map = layer->forward(map);
-    scales.push_back(ResizeTo(map, height, width));
+    scales.push_back(ResizeBilinear(map, height, width));
   }
   return Convolve(InstanceNormRelu(Convolve(torch::cat(scales, 1), conv2_)), conv3_);
 }
