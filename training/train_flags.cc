@@ -53,7 +53,7 @@ ABSL_FLAG(uint64_t, seed, 0, "of all chance");
 // The run.
 ABSL_FLAG(std::string, out, "out/train", "directory of checkpoints, weights and logs; goes on from what is there");
 ABSL_FLAG(std::string, device, "cpu", "as LibTorch names it: cpu, cuda, cuda:1");
-ABSL_FLAG(int, threads, 0, "threads of one tensor operation; 0: LibTorch's choice");
+ABSL_FLAG(int, threads, 0, "threads of one tensor operation; 0: all cores");
 ABSL_FLAG(int64_t, checkpoint_every, 500, "steps; 0: at the end only");
 ABSL_FLAG(int64_t, validate_every, 500, "steps; 0: never");
 ABSL_FLAG(int64_t, validation_clips, 16, "in the validation set");

@@ -4,10 +4,12 @@
 #include <torch/utils.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -91,6 +93,9 @@ absl::StatusOr<std::optional<Validation>> OpenValidation(const TrainRequest& req
   return *std::move(validation);
 }
 
+// LibTorch's own choice may be a single thread.
+int AvailableCores() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+
 std::string Describe(const TrainRequest& request, const PointModelImpl& model, const ProcessGroup& group) {
   return absl::StrCat("network ", PresetName(request.network), ", ", model.ParameterCount(), " parameters; ",
                       group.world(), group.world() == 1 ? " process; " : " processes; ",
@@ -101,7 +106,7 @@ std::string Describe(const TrainRequest& request, const PointModelImpl& model, c
 
 absl::Status RunTraining(const TrainRequest& request, const GroupOptions& options, const std::atomic<bool>& stop) {
   const SystemClock clock;
-  if (request.threads > 0) torch::set_num_threads(request.threads);
+  torch::set_num_threads(request.threads > 0 ? request.threads : AvailableCores());
   auto group = ProcessGroup::Join(options, request.trainer.device.type());
   if (!group.ok()) return group.status();
   const bool leads = (*group)->rank() == 0;
