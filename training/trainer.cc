@@ -12,14 +12,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/checkpoint.h"
-#include "training/clip_step.h"
+#include "training/batch_gradients.h"
 #include "training/first_line.h"
 #include "training/gradient.h"
 #include "training/optimizer_archive.h"
 #include "training/schedule.h"
 #include "training/training_checkpoint.h"
 #include "training/weight_average.h"
-#include "training/working_network.h"
 
 namespace holdfast {
 namespace {
@@ -27,18 +26,12 @@ namespace {
 // What travels with the gradients, as sums over processes.
 enum Extra { kTotal, kDistance, kObjectness, kVisibility, kMatching, kStop, kProgress, kExtraCount };
 
-void AddTimes(const StepTimes& times, StepTimes& sum) {
-  sum.encode += times.encode;
-  sum.refine += times.refine;
-  sum.backward += times.backward;
-}
-
-void AddLoss(const LossValues& loss, std::vector<double>& extra) {
-  extra[kTotal] += loss.total;
-  extra[kDistance] += loss.distance;
-  extra[kObjectness] += loss.objectness;
-  extra[kVisibility] += loss.visibility;
-  extra[kMatching] += loss.matching;
+void PutLoss(const LossValues& loss, std::vector<double>& extra) {
+  extra[kTotal] = loss.total;
+  extra[kDistance] = loss.distance;
+  extra[kObjectness] = loss.objectness;
+  extra[kVisibility] = loss.visibility;
+  extra[kMatching] = loss.matching;
 }
 
 torch::optim::AdamWOptions OptimizerOptions(const Recipe& recipe) {
@@ -50,7 +43,7 @@ class TrainerImpl : public Trainer {
   TrainerImpl(const TrainerOptions& options, const TrainerParts& parts)
       : options_(options),
         parts_(parts),
-        working_(parts.model, options.recipe.bfloat16 ? torch::kBFloat16 : torch::kFloat32),
+        gradients_(options_.recipe, options.seed, options.device, {parts.model, parts.clips, parts.group, parts.clock}),
         average_(*parts.model, options.recipe.average_decay),
         optimizer_(parts.model->parameters(), OptimizerOptions(options.recipe)) {
     state_.seed = options.seed;
@@ -69,8 +62,6 @@ class TrainerImpl : public Trainer {
 
   absl::Status Loop();
   absl::Status Step();
-  absl::Status OpenLoader();
-  absl::Status AddBatch(StepReport& report, std::vector<double>& extra);
   absl::Status Update(StepReport& report, std::vector<double>& extra);
   absl::Status Guard(bool finite);
   void Finish(StepReport& report, const std::vector<double>& extra);
@@ -81,17 +72,14 @@ class TrainerImpl : public Trainer {
 
   const TrainerOptions options_;
   TrainerParts parts_;
-  WorkingNetwork working_;
+  BatchGradients gradients_;
   WeightAverage average_;
   torch::optim::AdamW optimizer_;
   TrainingState state_;  // but for the optimizer and the average, which are filled in when it is saved
   double progress_ = 0;  // share of the training done
-  std::unique_ptr<Loader> loader_;
-  const Phase* phase_ = nullptr;  // of the loader
   absl::Time run_began_;
   absl::Duration elapsed_before_;  // in earlier runs
   int64_t skipped_in_row_ = 0;
-  int64_t skipped_samples_ = 0;  // of loaders closed before
   bool stop_ = false;
 };
 
@@ -115,7 +103,7 @@ absl::Status TrainerImpl::Resume() {
   if (!status.ok()) return absl::DataLossError(absl::StrCat(checkpoint.path, ": ", status.message()));
   state_ = std::move(checkpoint.state);
   progress_ = ProgressAt(state_.step, state_.elapsed);
-  working_.Refresh();
+  gradients_.Refresh();
   if (leads()) {
     if (!checkpoint.skipped.empty()) parts_.observer->Notice(absl::StrCat("passed over: ", checkpoint.skipped));
     parts_.observer->Notice(absl::StrCat("going on from step ", state_.step, " (", checkpoint.path, ")"));
@@ -135,7 +123,7 @@ absl::Status TrainerImpl::AgreeOnStart() {
     status = parts_.group->Broadcast(values);
   }
   if (!status.ok()) return status;
-  working_.Refresh();
+  gradients_.Refresh();
   if (step.item<double>() == mine) return absl::OkStatus();
   return absl::FailedPreconditionError(absl::StrCat("rank ", parts_.group->rank(), " is at step ", state_.step,
                                                     ", rank 0 at ", step.item<double>(),
@@ -167,52 +155,21 @@ absl::Status TrainerImpl::Loop() {
   return status;
 }
 
-absl::Status TrainerImpl::OpenLoader() {
-  const Phase* phase = &recipe().PhaseAt(progress_);
-  if (phase == phase_) return absl::OkStatus();
-  if (loader_ != nullptr) skipped_samples_ += loader_->skipped();
-  loader_.reset();
-  absl::StatusOr<std::unique_ptr<Loader>> loader = parts_.clips->Open(*phase, state_.next_batch);
-  if (!loader.ok()) return loader.status();
-  loader_ = *std::move(loader);
-  phase_ = phase;
-  return absl::OkStatus();
-}
-
 absl::Status TrainerImpl::Step() {
   StepReport report;
   report.learning_rate = LearningRate(recipe().schedule, progress_);
   static_cast<torch::optim::AdamWOptions&>(optimizer_.param_groups()[0].options()).lr(report.learning_rate);
-  absl::Status status = OpenLoader();
+  LossValues sum = {};
+  absl::Status status;
+  for (int64_t i = 0; status.ok() && i < recipe().accumulate; ++i) {
+    status = gradients_.Add(state_.next_batch++, progress_, report.times, sum);
+  }
   std::vector<double> extra(kExtraCount, 0.0);
-  for (int64_t i = 0; status.ok() && i < recipe().accumulate; ++i) status = AddBatch(report, extra);
+  PutLoss(sum, extra);
   if (status.ok()) status = Update(report, extra);
   if (!status.ok()) return status;
   Finish(report, extra);
   return Guard(!report.skipped);
-}
-
-absl::Status TrainerImpl::AddBatch(StepReport& report, std::vector<double>& extra) {
-  const absl::Time begin = parts_.clock->Now();
-  absl::StatusOr<std::vector<Sample>> batch = loader_->Next();
-  if (!batch.ok()) return batch.status();
-  report.times.data += parts_.clock->Now() - begin;
-  const int64_t world = parts_.group->world(), rank = parts_.group->rank();
-  const int64_t first_draw = (state_.next_batch++ * world + rank) * recipe().batch_size;
-  const ClipStepOptions options = {
-      recipe().LossAt(progress_), {recipe().noisy_start, recipe().streaming_windows}, phase_->iterations};
-  for (size_t i = 0; i < batch->size(); ++i) {
-    const absl::StatusOr<ClipTensors> clip = ToTensors((*batch)[i], parts_.model->options().stride);
-    if (!clip.ok()) return clip.status();
-    // Another stream of chance than the data's, which is seeded by the same number.
-    Rng rng(MixSeed(options_.seed, ~uint64_t{0}), static_cast<uint64_t>(first_draw) + i);
-    const ClipStepResult result =
-        AddClipGradient(working_.network(), clip->To(options_.device), options, rng, *parts_.clock);
-    working_.CollectGradients();
-    AddTimes(result.times, report.times);
-    AddLoss(result.loss, extra);
-  }
-  return absl::OkStatus();
 }
 
 double TrainerImpl::ProgressAt(int64_t step, absl::Duration elapsed) const {
@@ -234,7 +191,7 @@ absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra)
   if (!report.skipped) {
     optimizer_.step();
     average_.Update(*parts_.model);
-    working_.Refresh();
+    gradients_.Refresh();
   }
   ClearGradients(parts_.model->parameters());
   report.times.update = parts_.clock->Now() - begin;
@@ -257,7 +214,7 @@ void TrainerImpl::Finish(StepReport& report, const std::vector<double>& extra) {
   report.when = parts_.clock->Now();
   report.elapsed = Elapsed();
   report.skipped_steps = state_.skipped_steps;
-  report.skipped_samples = skipped_samples_ + loader_->skipped();
+  report.skipped_samples = gradients_.skipped_samples();
   if (leads()) parts_.observer->StepDone(report);
 }
 

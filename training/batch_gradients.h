@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include "absl/status/status.h"
+#include "model/point_model.h"
+#include "server/engine/clock.h"
+#include "training/clip_source.h"
+#include "training/distributed.h"
+#include "training/recipe.h"
+#include "training/training_report.h"
+#include "training/working_network.h"
+
+namespace holdfast {
+
+// Draws this process's batches, of clips as the training's phase wants them, and adds their gradients to the network's.
+// What it borrows must outlive it. Not thread-safe.
+class BatchGradients {
+ public:
+  struct Parts {
+    PointModel model = nullptr;  // float32; gets the gradients
+    ClipSource* clips = nullptr;
+    const ProcessGroup* group = nullptr;
+    const Clock* clock = nullptr;
+  };
+
+  BatchGradients(const Recipe& recipe, uint64_t seed, torch::Device device, const Parts& parts);
+
+  // Adds the gradients of loader batch 'batch' at 'progress' of the training, and to 'times' and 'sum' what its clips
+  // took and lost. Batches must be asked for in order.
+  absl::Status Add(int64_t batch, double progress, StepTimes& times, LossValues& sum);
+  // Takes over the network's weights, which have changed.
+  void Refresh() { working_.Refresh(); }
+  // Damaged samples so far.
+  int64_t skipped_samples() const;
+
+ private:
+  absl::Status OpenLoader(int64_t batch, double progress);
+
+  const Recipe& recipe_;
+  const uint64_t seed_;
+  const torch::Device device_;
+  const Parts parts_;
+  WorkingNetwork working_;
+  std::unique_ptr<Loader> loader_;
+  const Phase* phase_ = nullptr;  // of the loader
+  int64_t skipped_before_ = 0;    // by loaders closed before
+};
+
+}  // namespace holdfast
