@@ -135,7 +135,7 @@ int Info(const std::vector<std::string>& args, const Console& console) {
 int RunCommandLine(const std::vector<std::string>& args, const Console& console, StopSignal& stop) {
   for (const std::string& arg : args) {
     if (arg == "--help" || arg == "-h" || arg == "help") return console.out << Help(), kOk;
-    if (arg == "--version") return console.out << "holdfast " HOLDFAST_VERSION "\n", kOk;
+    if (arg == "--version") return console.out << "holdfast " << ProgramVersion() << "\n", kOk;
   }
   const absl::Status environment = SetFlagsFromEnvironment("HOLDFAST_", console.getenv);
   if (!environment.ok()) return Fail(console, environment, kUsage);

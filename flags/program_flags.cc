@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "flags/program_flags.h"
 
+#include <algorithm>
 #include <optional>
 #include <utility>
 
@@ -79,7 +80,26 @@ std::string Wrap(absl::string_view text, size_t indent) {
   return out;
 }
 
+std::string DescribeFlag(const absl::CommandLineFlag& flag) {
+  const std::string value = flag.DefaultValue();
+  const bool plain = value.empty() || value == "\"\"" || value == "false";
+  return absl::StrCat("  --", flag.Name(), plain ? "" : absl::StrCat("=", value), "\n", Wrap(flag.Help(), 6), "\n");
+}
+
 }  // namespace
+
+absl::string_view ProgramVersion() { return HOLDFAST_VERSION; }
+
+bool AnswerQuestion(const Program& program, const std::vector<std::string>& args, std::ostream& out) {
+  const auto has = [&](absl::string_view question) { return std::count(args.begin(), args.end(), question) > 0; };
+  if (has("--help")) {
+    out << program.usage << "\n\n";
+    for (const absl::CommandLineFlag* flag : ProgramFlags()) out << DescribeFlag(*flag);
+    return true;
+  }
+  if (has("--version")) out << program.name << " " << ProgramVersion() << "\n";
+  return has("--version");
+}
 
 absl::Status SetFlagsFromEnvironment(absl::string_view prefix, const EnvironmentLookup& getenv) {
   for (const auto& [name, flag] : absl::GetAllFlags()) {
@@ -111,14 +131,26 @@ absl::StatusOr<std::vector<std::string>> ParseFlags(const std::vector<std::strin
   return rest;
 }
 
+absl::Status SetFlags(const std::vector<std::string>& args, const EnvironmentLookup& getenv) {
+  const absl::Status environment = SetFlagsFromEnvironment("HOLDFAST_", getenv);
+  if (!environment.ok()) return environment;
+  const absl::StatusOr<std::vector<std::string>> rest = ParseFlags(args);
+  if (!rest.ok() || rest->empty()) return rest.status();
+  return absl::InvalidArgumentError(absl::StrCat("unexpected argument \"", rest->front(), "\""));
+}
+
+std::vector<const absl::CommandLineFlag*> ProgramFlags() {
+  std::vector<const absl::CommandLineFlag*> flags;
+  for (const auto& [name, flag] : absl::GetAllFlags()) {
+    if (IsProgramFlag(*flag)) flags.push_back(flag);
+  }
+  std::sort(flags.begin(), flags.end(), [](const auto* a, const auto* b) { return a->Name() < b->Name(); });
+  return flags;
+}
+
 std::string DescribeFlags(const std::vector<absl::string_view>& names) {
   std::string out;
-  for (absl::string_view name : names) {
-    const absl::CommandLineFlag* flag = absl::FindCommandLineFlag(name);
-    const std::string value = flag->DefaultValue();
-    const bool plain = value.empty() || value == "\"\"" || value == "false";
-    absl::StrAppend(&out, "  --", name, plain ? "" : absl::StrCat("=", value), "\n", Wrap(flag->Help(), 6), "\n");
-  }
+  for (absl::string_view name : names) absl::StrAppend(&out, DescribeFlag(*absl::FindCommandLineFlag(name)));
   return out;
 }
 

@@ -1,16 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/flags.h"
 
-#include <cstdlib>
 #include <vector>
 
 #include "absl/flags/flag.h"
-#include "absl/flags/parse.h"
-#include "absl/flags/reflection.h"
-#include "absl/flags/usage.h"
-#include "absl/flags/usage_config.h"
-#include "absl/strings/ascii.h"
-#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
@@ -47,8 +40,6 @@ ABSL_FLAG(std::string, log_level, "info", "trace, debug, info, warning, error, c
 
 namespace holdfast {
 namespace {
-
-bool IsOurs(absl::string_view file) { return absl::EndsWith(file, "server/flags.cc"); }
 
 absl::Status BadFlag(absl::string_view name, absl::string_view value, absl::string_view expected) {
   return absl::InvalidArgumentError(absl::StrCat(name, " is '", value, "', expected ", expected));
@@ -105,19 +96,6 @@ absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
 
 }  // namespace
 
-absl::Status SetFlagsFromEnvironment(const std::function<const char*(const std::string&)>& getenv) {
-  for (const auto& [name, flag] : absl::GetAllFlags()) {
-    if (!IsOurs(flag->Filename())) continue;
-    const std::string variable = absl::StrCat("HOLDFAST_", absl::AsciiStrToUpper(name));
-    const char* const value = getenv(variable);
-    std::string error;
-    if (value != nullptr && !flag->ParseFrom(value, &error)) {
-      return absl::InvalidArgumentError(absl::StrCat(variable, " is '", value, "': ", error));
-    }
-  }
-  return absl::OkStatus();
-}
-
 absl::StatusOr<ServerOptions> OptionsFromFlags() {
   ServerOptions options;
   auto engine = EngineOptionsFromFlags();
@@ -137,26 +115,6 @@ absl::StatusOr<ServerOptions> OptionsFromFlags() {
   options.max_connection_age = absl::GetFlag(FLAGS_max_connection_age);
   if (absl::Status status = options.Validate(); !status.ok()) return status;
   return options;
-}
-
-void DescribeProgram() {
-  absl::SetProgramUsageMessage(
-      "Tracks points in streamed video over gRPC. Every flag can also be set by an environment variable, "
-      "HOLDFAST_MAX_SESSIONS for --max_sessions; the command line wins.");
-  absl::FlagsUsageConfig usage;
-  usage.contains_help_flags = IsOurs;
-  usage.contains_helpshort_flags = IsOurs;
-  usage.version_string = [] { return std::string("holdfast-server " HOLDFAST_VERSION "\n"); };
-  absl::SetFlagsUsageConfig(usage);
-}
-
-absl::StatusOr<ServerOptions> ParseOptions(int argc, char** argv) {
-  const absl::Status environment =
-      SetFlagsFromEnvironment([](const std::string& name) { return std::getenv(name.c_str()); });
-  if (!environment.ok()) return environment;
-  const std::vector<char*> rest = absl::ParseCommandLine(argc, argv);
-  if (rest.size() > 1) return absl::InvalidArgumentError(absl::StrCat("unexpected argument '", rest[1], "'"));
-  return OptionsFromFlags();
 }
 
 }  // namespace holdfast

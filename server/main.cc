@@ -3,10 +3,14 @@
 // wrong flags.
 #include <spdlog/logger.h>
 
+#include <cstdlib>
 #include <iostream>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "flags/program_flags.h"
 #include "server/engine/clock.h"
 #include "server/engine/engine.h"
 #include "server/flags.h"
@@ -19,6 +23,11 @@
 
 namespace holdfast {
 namespace {
+
+constexpr Program kProgram = {
+    "holdfast-server",
+    "Tracks points in streamed video over gRPC. Every flag can also be set by an environment variable,\n"
+    "HOLDFAST_MAX_SESSIONS for --max_sessions; the command line wins."};
 
 std::string Describe(const TrackerInfo& info) {
   return absl::StrCat(info.model_name, " (", info.preset, "), weights ", info.weights_sha256.substr(0, 12), ", ",
@@ -58,9 +67,15 @@ absl::Status Run(const ServerOptions& options, const TerminationSignals& signals
   return absl::OkStatus();
 }
 
-int Main(int argc, char** argv) {
-  DescribeProgram();
-  const absl::StatusOr<ServerOptions> options = ParseOptions(argc, argv);
+absl::StatusOr<ServerOptions> ReadOptions(const std::vector<std::string>& args) {
+  const absl::Status status = SetFlags(args, std::getenv);
+  if (!status.ok()) return status;
+  return OptionsFromFlags();
+}
+
+int Main(const std::vector<std::string>& args) {
+  if (AnswerQuestion(kProgram, args, std::cout)) return 0;
+  const absl::StatusOr<ServerOptions> options = ReadOptions(args);
   if (!options.ok()) {
     std::cerr << "holdfast-server: " << options.status().message() << "\n";
     return 2;
@@ -75,4 +90,4 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace holdfast
 
-int main(int argc, char** argv) { return holdfast::Main(argc, argv); }
+int main(int argc, char** argv) { return holdfast::Main({argv + 1, argv + argc}); }

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "flags/program_flags.h"
 #include "server/process_stats.h"
 
 namespace holdfast {
@@ -161,7 +162,7 @@ PrometheusMetrics::PrometheusMetrics() : impl_(std::make_unique<Impl>()) {
       .Name("holdfast_build_info")
       .Help("The program's version; always 1.")
       .Register(impl_->registry)
-      .Add({{"version", HOLDFAST_VERSION}})
+      .Add({{"version", std::string(ProgramVersion())}})
       .Set(1);
 }
 

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "flags/program_flags.h"
 #include "proto/convert.h"
 #include "proto/errors.h"
 #include "proto/grpc_status.h"
@@ -88,7 +89,7 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
     return reactor;
   }
   *response = ToProto(engine_->info());
-  response->set_build(HOLDFAST_VERSION);
+  response->set_build(std::string(ProgramVersion()));
   reactor->Finish(grpc::Status::OK);
   return reactor;
 }

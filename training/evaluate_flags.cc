@@ -2,13 +2,11 @@
 #include "training/evaluate_flags.h"
 
 #include <algorithm>
-#include <array>
 #include <map>
 #include <utility>
 #include <vector>
 
 #include "absl/flags/flag.h"
-#include "absl/flags/reflection.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -41,18 +39,6 @@ ABSL_FLAG(uint64_t, seed, 1000, "of synthetic clips");
 
 namespace holdfast {
 namespace {
-
-constexpr char kUsage[] =
-    "holdfast-eval --data DIR --format FORMAT --weights FILE [--baseline lk] [--json FILE]\n"
-    "holdfast-eval --format synthetic --count N --seed S --weights FILE\n"
-    "holdfast-eval --suite paper --data DIR --weights FILE\n\n"
-    "Prints delta, survival, MTE, OA and AJ of every sequence and their mean. Distances are pixels of a 256x256 "
-    "frame.\n\n";
-
-constexpr std::array<absl::string_view, 20> kFlagNames = {
-    "data",       "format",    "weights",  "baseline",  "suite",  "json",    "processing_size",
-    "iterations", "hop",       "chaining", "precision", "device", "threads", "split",
-    "pictures",   "clip_size", "frames",   "points",    "count",  "seed"};
 
 absl::StatusOr<ImageSize> ParseSize(absl::string_view flag, const std::string& text) {
   ImageSize size;
@@ -123,14 +109,11 @@ absl::StatusOr<EvaluationDataOptions> DataFromFlags() {
 
 std::map<std::string, std::string> SettingsFromFlags() {
   std::map<std::string, std::string> settings;
-  for (absl::string_view name : kFlagNames) {
-    const absl::CommandLineFlag* flag = absl::FindCommandLineFlag(name);
-    if (flag->CurrentValue() != flag->DefaultValue()) settings.emplace(name, flag->CurrentValue());
+  for (const absl::CommandLineFlag* flag : ProgramFlags()) {
+    if (flag->CurrentValue() != flag->DefaultValue()) settings.emplace(flag->Name(), flag->CurrentValue());
   }
   return settings;
 }
-
-std::string Usage() { return absl::StrCat(kUsage, DescribeFlags({kFlagNames.begin(), kFlagNames.end()})); }
 
 absl::StatusOr<EvaluateRequest> RequestFromFlags() {
   EvaluateRequest request;

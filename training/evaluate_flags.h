@@ -25,7 +25,4 @@ absl::StatusOr<EvaluateRequest> RequestFromFlags();
 // The value of every flag that is not at its default, for reports.
 std::map<std::string, std::string> SettingsFromFlags();
 
-// What --help prints.
-std::string Usage();
-
 }  // namespace holdfast

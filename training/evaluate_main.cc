@@ -2,7 +2,6 @@
 // holdfast-eval: how well weights track, through the engine that serves them, beside a baseline and the paper.
 #include <unistd.h>
 
-#include <algorithm>
 #include <cstdlib>
 #include <iostream>
 #include <memory>
@@ -21,6 +20,13 @@
 
 namespace holdfast {
 namespace {
+
+constexpr Program kProgram = {"holdfast-eval",
+                              "holdfast-eval --data=DIR --format=FORMAT --weights=FILE [--baseline=lk] [--json=FILE]\n"
+                              "holdfast-eval --format=synthetic --count=N --seed=S --weights=FILE\n"
+                              "holdfast-eval --suite=paper --data=DIR --weights=FILE\n\n"
+                              "Prints delta, survival, MTE, OA and AJ of every sequence and their mean. Distances are "
+                              "pixels of a 256x256 frame."};
 
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
@@ -85,17 +91,9 @@ absl::Status Run() {
 }
 
 int Main(const std::vector<std::string>& args) {
-  if (std::count(args.begin(), args.end(), "--help") > 0) return std::cout << Usage(), EXIT_SUCCESS;
-  if (std::count(args.begin(), args.end(), "--version") > 0) {
-    return std::cout << "holdfast-eval " HOLDFAST_VERSION "\n", EXIT_SUCCESS;
-  }
-  absl::Status status = SetFlagsFromEnvironment("HOLDFAST_", std::getenv);
-  if (status.ok()) {
-    const absl::StatusOr<std::vector<std::string>> rest = ParseFlags(args);
-    status = !rest.ok()      ? rest.status()
-             : rest->empty() ? Run()
-                             : absl::InvalidArgumentError(absl::StrCat("unexpected argument \"", rest->front(), "\""));
-  }
+  if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
+  absl::Status status = SetFlags(args, std::getenv);
+  if (status.ok()) status = Run();
   if (status.ok()) return EXIT_SUCCESS;
   std::cerr << "holdfast-eval: " << status.message() << "\n";
   return absl::IsInvalidArgument(status) ? kUsageError : kFailure;

@@ -2,6 +2,7 @@
 // holdfast-synth: writes synthetic clips in the neutral format, with previews, or measures how fast they are made.
 #include <algorithm>
 #include <cstdint>
+#include <cstdlib>
 #include <ctime>
 #include <filesystem>
 #include <iostream>
@@ -10,7 +11,6 @@
 #include <vector>
 
 #include "absl/flags/flag.h"
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "flags/program_flags.h"
 #include "training/neutral.h"
@@ -33,8 +33,8 @@ ABSL_FLAG(bool, benchmark, false, "write nothing, print clips a second of one co
 namespace holdfast {
 namespace {
 
-const std::vector<absl::string_view> kFlags = {"count",  "out",      "seed",   "frames",      "height",  "width",
-                                               "points", "pictures", "motion", "photometric", "preview", "benchmark"};
+constexpr Program kProgram = {"holdfast-synth", "holdfast-synth --out=DIR [flags]"};
+constexpr int kUsageError = 2;
 
 SyntheticOptions OptionsFromFlags() {
   SyntheticOptions options;
@@ -80,26 +80,17 @@ absl::Status Run() {
   return absl::OkStatus();
 }
 
+int Main(const std::vector<std::string>& args) {
+  if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
+  absl::Status status = SetFlags(args, std::getenv);
+  cv::setNumThreads(1);  // clips are made in parallel, if at all, not their pixels
+  if (status.ok()) status = Run();
+  if (status.ok()) return EXIT_SUCCESS;
+  std::cerr << "holdfast-synth: " << status.message() << "\n";
+  return absl::IsInvalidArgument(status) ? kUsageError : EXIT_FAILURE;
+}
+
 }  // namespace
 }  // namespace holdfast
 
-int main(int argc, char** argv) {
-  constexpr int kUsageError = 2;
-  const std::vector<std::string> args(argv + 1, argv + argc);
-  for (const std::string& arg : args) {
-    if (arg != "--help") continue;
-    std::cout << "holdfast-synth --out DIR [flags]\n\n" << holdfast::DescribeFlags(holdfast::kFlags);
-    return 0;
-  }
-  const absl::StatusOr<std::vector<std::string>> rest = holdfast::ParseFlags(args);
-  if (!rest.ok() || !rest->empty()) {
-    std::cerr << "holdfast-synth: "
-              << (rest.ok() ? absl::StrCat("unexpected '", (*rest)[0], "'") : rest.status().ToString()) << "\n";
-    return kUsageError;
-  }
-  cv::setNumThreads(1);  // clips are made in parallel, if at all, not their pixels
-  const absl::Status status = holdfast::Run();
-  if (status.ok()) return 0;
-  std::cerr << "holdfast-synth: " << status << "\n";
-  return absl::IsInvalidArgument(status) ? kUsageError : 1;
-}
+int main(int argc, char** argv) { return holdfast::Main({argv + 1, argv + argc}); }

@@ -10,7 +10,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
-#include "flags/program_flags.h"
 #include "model/presets.h"
 
 // The network and its recipe. A flag that is not given leaves what the preset says.
@@ -66,61 +65,7 @@ ABSL_FLAG(std::string, metrics_address, "", "host:port of Prometheus metrics; em
 namespace holdfast {
 namespace {
 
-constexpr char kUsage[] =
-    "holdfast-train --preset=small --time_budget=30m --out=DIR\n"
-    "holdfast-train --preset=paper --format=pointodyssey --data=DIR --out=DIR\n\n"
-    "Trains a network and goes on where the directory's last checkpoint stopped. SIGTERM writes a checkpoint and ends "
-    "with status 0. Several processes train together when RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT say so.\n\n";
-
 constexpr uint64_t kValidationSeed = 1000003;  // of clips no training seed is likely to share
-
-const std::vector<absl::string_view>& FlagNames() {
-  static const std::vector<absl::string_view> kNames = {"preset",
-                                                        "attention_blocks",
-                                                        "visibility_head",
-                                                        "init",
-                                                        "steps",
-                                                        "time_budget",
-                                                        "batch_size",
-                                                        "accumulate",
-                                                        "frames",
-                                                        "lr",
-                                                        "warm_up",
-                                                        "weight_decay",
-                                                        "clip_norm",
-                                                        "ema",
-                                                        "bf16",
-                                                        "loss",
-                                                        "gamma",
-                                                        "alpha",
-                                                        "visibility_loss",
-                                                        "matching_loss",
-                                                        "matching_until",
-                                                        "noisy_start",
-                                                        "streaming_windows",
-                                                        "motion_ramp_clips",
-                                                        "phases",
-                                                        "format",
-                                                        "data",
-                                                        "split",
-                                                        "pictures",
-                                                        "clips",
-                                                        "augment",
-                                                        "workers",
-                                                        "seed",
-                                                        "out",
-                                                        "device",
-                                                        "threads",
-                                                        "checkpoint_every",
-                                                        "validate_every",
-                                                        "validation_clips",
-                                                        "validation_iterations",
-                                                        "validate_on_training",
-                                                        "max_skipped",
-                                                        "log_every",
-                                                        "metrics_address"};
-  return kNames;
-}
 
 template <typename T>
 void Override(const std::optional<T>& given, T& value) {
@@ -244,8 +189,6 @@ absl::StatusOr<std::vector<Phase>> ParsePhases(const std::string& text) {
   }
   return phases;
 }
-
-std::string TrainUsage() { return absl::StrCat(kUsage, DescribeFlags(FlagNames())); }
 
 absl::StatusOr<TrainRequest> TrainRequestFromFlags() {
   TrainRequest request;

@@ -23,7 +23,7 @@ struct TrainRequest {
   std::string metrics_address;  // host:port; empty: none
   int64_t log_every = 20;       // steps between plain lines
   int workers = 1;
-  int threads = 0;  // 0: LibTorch's choice
+  int threads = 0;  // 0: all cores
 };
 
 // From the values the flags have now. INVALID_ARGUMENT names the flag.
@@ -31,8 +31,5 @@ absl::StatusOr<TrainRequest> TrainRequestFromFlags();
 
 // "0.7:256x192:64:3,1:320x256:64:4": until:WIDTHxHEIGHT:points:iterations of each phase.
 absl::StatusOr<std::vector<Phase>> ParsePhases(const std::string& text);
-
-// What --help prints.
-std::string TrainUsage();
 
 }  // namespace holdfast

@@ -3,13 +3,11 @@
 // wrong flags.
 #include <malloc.h>
 
-#include <algorithm>
 #include <cstdlib>
 #include <iostream>
 #include <string>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
 #include "flags/program_flags.h"
 #include "training/stop_signal.h"
 #include "training/train_flags.h"
@@ -17,6 +15,14 @@
 
 namespace holdfast {
 namespace {
+
+constexpr Program kProgram = {
+    "holdfast-train",
+    "holdfast-train --preset=small --time_budget=30m --out=DIR\n"
+    "holdfast-train --preset=paper --format=pointodyssey --data=DIR --out=DIR\n\n"
+    "Trains a network and goes on where the directory's last checkpoint stopped. SIGTERM writes a checkpoint and ends\n"
+    "with status 0. Several processes train together when RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT say so. A\n"
+    "flag of the recipe that is not given leaves what the preset says."};
 
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
@@ -30,11 +36,8 @@ void KeepFreedMemory() {
 }
 
 absl::StatusOr<TrainRequest> ReadRequest(const std::vector<std::string>& args) {
-  const absl::Status status = SetFlagsFromEnvironment("HOLDFAST_", std::getenv);
+  const absl::Status status = SetFlags(args, std::getenv);
   if (!status.ok()) return status;
-  const absl::StatusOr<std::vector<std::string>> rest = ParseFlags(args);
-  if (!rest.ok()) return rest.status();
-  if (!rest->empty()) return absl::InvalidArgumentError(absl::StrCat("unexpected argument \"", rest->front(), "\""));
   return TrainRequestFromFlags();
 }
 
@@ -44,10 +47,7 @@ int Fail(const absl::Status& status, int exit_status) {
 }
 
 int Main(const std::vector<std::string>& args) {
-  if (std::count(args.begin(), args.end(), "--help") > 0) return std::cout << TrainUsage(), EXIT_SUCCESS;
-  if (std::count(args.begin(), args.end(), "--version") > 0) {
-    return std::cout << "holdfast-train " HOLDFAST_VERSION "\n", EXIT_SUCCESS;
-  }
+  if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
   KeepFreedMemory();
   const StopSignal stop;
   const absl::StatusOr<TrainRequest> request = ReadRequest(args);

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <sstream>
 
 #include "absl/flags/flag.h"
 #include "absl/flags/reflection.h"
@@ -20,6 +21,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
+using ::testing::StartsWith;
 
 class ProgramFlagsTest : public ::testing::Test {
  protected:
@@ -80,6 +82,33 @@ TEST_F(ProgramFlagsTest, TheEnvironmentSetsFlagsAndTheCommandLineHasTheLastWord)
 TEST_F(ProgramFlagsTest, AWrongValueInTheEnvironmentNamesTheVariable) {
   environment_ = {{"TEST_SIDE_LENGTH", "three"}};
   EXPECT_THAT(std::string(SetFlagsFromEnvironment("TEST_", Environment()).message()), HasSubstr("TEST_SIDE_LENGTH"));
+}
+
+TEST_F(ProgramFlagsTest, FlagsOnlyProgramsRefuseOtherArguments) {
+  environment_ = {{"HOLDFAST_SIDE_LENGTH", "3"}, {"HOLDFAST_PORT", "tcp://10.0.0.1:50051"}};
+  ASSERT_TRUE(SetFlags({"--place=far"}, Environment()).ok());
+  EXPECT_EQ(absl::GetFlag(FLAGS_side_length), 3);
+  EXPECT_EQ(absl::GetFlag(FLAGS_place), "far");
+  ASSERT_TRUE(SetFlags({"--side_length=4"}, Environment()).ok());
+  EXPECT_EQ(absl::GetFlag(FLAGS_side_length), 4);
+  EXPECT_THAT(std::string(SetFlags({"video.mp4"}, Environment()).message()), HasSubstr("\"video.mp4\""));
+  EXPECT_FALSE(SetFlags({"--plaice=far"}, Environment()).ok());
+}
+
+TEST_F(ProgramFlagsTest, HelpNamesEveryFlagOfTheProgramAndNoOther) {
+  std::ostringstream out;
+  EXPECT_TRUE(AnswerQuestion({"prog", "prog FILE"}, {"--loud", "--help"}, out));
+  EXPECT_THAT(out.str(), StartsWith("prog FILE\n\n  --loud\n"));
+  for (const char* flag : {"--place", "--side_length=7"}) EXPECT_THAT(out.str(), HasSubstr(flag));
+  EXPECT_THAT(out.str(), Not(HasSubstr("flagfile")));
+}
+
+TEST_F(ProgramFlagsTest, TheVersionIsAnsweredAndOtherArgumentsAreNot) {
+  std::ostringstream out;
+  EXPECT_FALSE(AnswerQuestion({"prog", ""}, {"--loud"}, out));
+  EXPECT_EQ(out.str(), "");
+  EXPECT_TRUE(AnswerQuestion({"prog", ""}, {"--version"}, out));
+  EXPECT_EQ(out.str(), "prog " + std::string(ProgramVersion()) + "\n");
 }
 
 TEST_F(ProgramFlagsTest, DescriptionsShowTheDefaultAndWrapTheText) {

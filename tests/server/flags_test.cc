@@ -9,13 +9,13 @@
 #include <vector>
 
 #include "absl/flags/reflection.h"
+#include "flags/program_flags.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
 namespace {
 
 using ::testing::AllOf;
-using ::testing::ExitedWithCode;
 using ::testing::HasSubstr;
 
 using Variables = std::map<std::string, std::string>;
@@ -23,11 +23,11 @@ using Variables = std::map<std::string, std::string>;
 class FlagsTest : public ::testing::Test {
  protected:
   static absl::StatusOr<ServerOptions> OptionsWith(const Variables& variables) {
-    const absl::Status status = SetFlagsFromEnvironment([&](const std::string& name) -> const char* {
+    const auto getenv = [&](const char* name) -> const char* {
       const auto found = variables.find(name);
       return found == variables.end() ? nullptr : found->second.c_str();
-    });
-    if (!status.ok()) return status;
+    };
+    if (const absl::Status status = SetFlags({}, getenv); !status.ok()) return status;
     return OptionsFromFlags();
   }
   absl::FlagSaver saver_;
@@ -92,33 +92,6 @@ TEST_F(FlagsTest, ValuesThatCannotBeAreRefusedByName) {
     EXPECT_THAT(OptionsWith({{variable, value}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(flag)))
         << value;
   }
-}
-
-absl::StatusOr<ServerOptions> Parse(std::vector<std::string> arguments) {
-  arguments.insert(arguments.begin(), "holdfast-server");
-  std::vector<char*> argv;
-  for (std::string& argument : arguments) argv.push_back(argument.data());
-  return ParseOptions(static_cast<int>(argv.size()), argv.data());
-}
-
-TEST_F(FlagsTest, TheCommandLineWinsOverTheEnvironment) {
-  ASSERT_EQ(setenv("HOLDFAST_MAX_SESSIONS", "5", 1), 0);
-  ASSERT_EQ(setenv("HOLDFAST_MAX_POINTS", "6", 1), 0);
-  const auto options = Parse({"--max_sessions=9"});
-  unsetenv("HOLDFAST_MAX_SESSIONS");
-  unsetenv("HOLDFAST_MAX_POINTS");
-  ASSERT_THAT(options, IsOk());
-  EXPECT_EQ(options->engine.max_sessions, 9);
-  EXPECT_EQ(options->engine.limits.max_points, 6);
-}
-
-TEST_F(FlagsTest, StrayArgumentsAreRefused) {
-  EXPECT_THAT(Parse({"video.mp4"}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("video.mp4")));
-}
-
-TEST(FlagsDeathTest, UnknownFlagsStopTheStart) {
-  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
-  EXPECT_EXIT((void)Parse({"--max_sesions=9"}), ExitedWithCode(1), "max_sesions");
 }
 
 }  // namespace

@@ -73,10 +73,5 @@ TEST_F(EvaluateFlagsTest, SettingsAreTheFlagsThatWereChanged) {
   EXPECT_THAT(SettingsFromFlags(), ElementsAre(Pair("baseline", "lk"), Pair("count", "7")));
 }
 
-TEST_F(EvaluateFlagsTest, UsageNamesEveryFlag) {
-  EXPECT_THAT(Usage(), HasSubstr("--processing_size"));
-  EXPECT_THAT(Usage(), HasSubstr("--seed=1000"));
-}
-
 }  // namespace
 }  // namespace holdfast
