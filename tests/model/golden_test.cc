@@ -113,16 +113,17 @@ TEST_F(GoldenTest, TemplatesMatchFromGoldenPositions) {
 }
 
 // Random weights are chaotic: rounding grows about fivefold an iteration, and the golden numbers themselves, made in
-// float32, are 0.08 pixels from exact ones after six. The bounds after six iterations leave room for that;
-// golden_precision_test runs the same in double and is held to tighter ones.
+// float32, are 0.08 pixels from exact ones after six. Most of our own comes from the update block's convolutions: with
+// these alone in double the largest difference falls from 0.23 to 0.10. The bounds leave room for that;
+// golden_precision_test runs all of it in double and is held to tighter ones.
 TEST_F(GoldenTest, WholeRunFollowsThePublishedOne) {
   EXPECT_LE(Measure("coords_iter0", ToImage(Run(FirstWindow(), 1).positions), Golden("coords_iter0")).max, 1e-3);
   const auto fourth = Measure("coords_iter3", ToImage(Run(FirstWindow(), 4).positions), Golden("coords_iter3"));
   EXPECT_LE(fourth.max, 0.1);
   EXPECT_LE(fourth.mean, 0.01);
   const auto last = Measure("coords_iter5", ToImage(Run(FirstWindow(), 6).positions), Golden("coords_iter5"));
-  EXPECT_LE(last.max, 0.6);
-  EXPECT_LE(last.mean, 0.04);
+  EXPECT_LE(last.max, 0.4);
+  EXPECT_LE(last.mean, 0.02);
 }
 
 TEST_F(GoldenTest, UnrollReturnsThePublishedUnlockedPredictions) {
@@ -132,8 +133,8 @@ TEST_F(GoldenTest, UnrollReturnsThePublishedUnlockedPredictions) {
   EXPECT_FALSE(trajectory.visibility_logit.defined());
   const auto difference =
       Measure("pred_iter5_unlocked", ToImage(trajectory.positions.back()), Golden("pred_iter5_unlocked"));
-  EXPECT_LE(difference.max, 0.6);
-  EXPECT_LE(difference.mean, 0.04);
+  EXPECT_LE(difference.max, 0.4);
+  EXPECT_LE(difference.mean, 0.02);
 }
 
 // Windows of 24 that overlap in one frame, the last one shifted back to end on the last frame; templates carried on.
