@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Targets: server (default), client, trainer. `--build-arg DEBIAN=trixie` builds on Debian 13.
+# Targets: server (default), client, trainer, test. `--build-arg DEBIAN=trixie` builds on Debian 13.
 ARG DEBIAN=bookworm
 
 FROM debian:${DEBIAN}-slim AS toolchain
@@ -7,6 +7,12 @@ COPY deploy/packages/build.txt /tmp/build.txt
 RUN apt-get update -qq \
  && grep -v '^#' /tmp/build.txt | DEBIAN_FRONTEND=noninteractive xargs apt-get install -y -qq --no-install-recommends > /dev/null \
  && rm -rf /var/lib/apt/lists/*
+
+# Every test: docker build --target test .
+FROM toolchain AS test
+WORKDIR /src
+COPY . .
+RUN make test
 
 FROM toolchain AS build
 WORKDIR /src
