@@ -35,6 +35,7 @@ class TrainingCurveTest(unittest.TestCase):
         self.assertEqual(line.get("points"), "60.0,282.5 740.0,55.0")
         texts = [text.text for text in picture.iter("{http://www.w3.org/2000/svg}text")]
         self.assertIn("LK 10.0", texts)
+        self.assertEqual(texts[texts.index("20") + 1:][:6], ["0", "2", "4", "6", "8", "10"])  # minutes
         self.assertIn(f"{self.folder}: 5.0 to 18.0", texts)
 
     def test_a_log_without_validations_is_an_error(self):

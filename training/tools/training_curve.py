@@ -8,6 +8,7 @@ Each directory has the log.jsonl that holdfast-train writes; a horizontal line s
 """
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -28,6 +29,13 @@ def read_curve(directory, metric):
     return [points[step] for step in sorted(points)]
 
 
+def round_ticks(longest):
+    """Multiples of a round number from 0 to 'longest', at most eleven."""
+    unit = 10.0 ** math.floor(math.log10(longest)) / 10
+    step = next(unit * factor for factor in (1, 2, 5, 10) if longest / (unit * factor) <= 10)
+    return [step * i for i in range(int(longest / step) + 1)]
+
+
 def draw(curves, baselines, metric):
     """curves: {name: [(minutes, value)]}, baselines: {name: value} -> SVG text."""
     longest = max((x for points in curves.values() for x, _ in points), default=0) or 1
@@ -42,9 +50,9 @@ def draw(curves, baselines, metric):
         (x0, py), (x1, _) = at(0, y), at(longest, y)
         parts.append(f'<line x1="{x0:.1f}" y1="{py:.1f}" x2="{x1:.1f}" y2="{py:.1f}" stroke="#ddd"/>'
                      f'<text x="{x0 - 8:.1f}" y="{py + 4:.1f}" text-anchor="end">{y}</text>')
-    for i in range(7):
-        px, py = at(longest * i / 6, 0)
-        parts.append(f'<text x="{px:.1f}" y="{py + 18:.1f}" text-anchor="middle">{longest * i / 6:.4g}</text>')
+    for minutes in round_ticks(longest):
+        px, py = at(minutes, 0)
+        parts.append(f'<text x="{px:.1f}" y="{py + 18:.1f}" text-anchor="middle">{minutes:g}</text>')
     for name, value in baselines.items():
         (x0, py), (x1, _) = at(0, value), at(longest, value)
         parts.append(f'<line x1="{x0:.1f}" y1="{py:.1f}" x2="{x1:.1f}" y2="{py:.1f}" stroke="#666" '
