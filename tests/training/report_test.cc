@@ -70,7 +70,7 @@ TEST(ReportTest, JsonHoldsEveryFigureAndNullForWhatDoesNotExist) {
 TEST(ReportTest, JsonSurvivesNamesThatAreNotUtf8) {
   Report report = MakeReport();
   report.sequences[0].name = "\xff";
-  EXPECT_NO_THROW(nlohmann::json::parse(ReportsToJson({report}, {})));
+  EXPECT_TRUE(nlohmann::json::accept(ReportsToJson({report}, {})));
 }
 
 }  // namespace
