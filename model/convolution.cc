@@ -18,10 +18,21 @@ bool TakesOneDnn(const torch::Tensor& x) {
          !torch::GradMode::is_enabled();
 }
 
+// oneDNN 3.6 (Debian 13) writes beyond its memory in the backward pass of such a convolution with several threads.
+bool IsNarrowAndStrided(const torch::Tensor& x, const torch::Tensor& weight, const Geometry& geometry) {
+  constexpr int64_t kNarrow = 16;
+  return x.size(1) < kNarrow && weight.size(2) == 1 && weight.size(3) == 1 && geometry.stride[0] > 1;
+}
+
 torch::Tensor Run(const torch::Tensor& x, const torch::Tensor& weight, const torch::Tensor& bias,
                   const Geometry& geometry) {
   if (TakesOneDnn(x)) {
     return at::mkldnn_convolution(x, weight, bias, geometry.padding, geometry.stride, {1, 1}, 1);
+  }
+  if (IsNarrowAndStrided(x, weight, geometry)) {
+    const auto [down, across] = geometry.stride;
+    const torch::Tensor pixels = x.slice(2, 0, x.size(2), down).slice(3, 0, x.size(3), across);
+    return at::conv2d(pixels.contiguous(torch::MemoryFormat::ChannelsLast), weight, bias);
   }
   return at::conv2d(x, weight, bias, geometry.stride, geometry.padding);
 }
