@@ -47,7 +47,7 @@ absl::Status WriteNpz(const std::string& path, const std::vector<std::pair<std::
   }
   // Closing writes the file; after a failure the archive is still ours.
   if (zip_close(archive.get()) != 0) return ZipError(archive.get());
-  archive.release();
+  (void)archive.release();
   return absl::OkStatus();
 }
 

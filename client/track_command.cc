@@ -37,7 +37,7 @@ Progress::Options ProgressOptions(const TrackOptions& options, const FrameSource
 class TrackRun final : public TrackObserver {
  public:
   TrackRun(const TrackOptions& options, const TrackEnvironment& environment, FrameSource& source,
-           std::vector<StartPoint> points)
+           const std::vector<StartPoint>& points)
       : options_(options),
         environment_(environment),
         source_(source),
@@ -216,7 +216,7 @@ absl::Status RunTrack(const TrackOptions& options, const TrackEnvironment& envir
   if (!points.ok()) return points.status();
   const auto tracker = environment.connect();
   if (!tracker.ok()) return tracker.status();
-  TrackRun run(options, environment, **source, *std::move(points));
+  TrackRun run(options, environment, **source, *points);
   return run.Run(**tracker);
 }
 

@@ -11,7 +11,7 @@
 namespace holdfast {
 
 struct JsonLimits {
-  size_t max_bytes = 64 * 1024;
+  size_t max_bytes = size_t{64} << 10;
   size_t max_depth = 4;  // objects and arrays within one another
 };
 

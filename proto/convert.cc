@@ -174,7 +174,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
     Add(violations, "config.label",
         absl::StrCat("has ", out.label.size(), " bytes, expected at most ", kMaxLabelBytes));
   }
-  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (!violations.empty()) return InvalidFieldsError(violations);
   return out;
 }
 
@@ -194,7 +194,7 @@ absl::StatusOr<Frame> FromProto(v1::Frame&& frame) {
   out.capture_time = TimeFromProto(frame, violations);
   out.points = PointsFromProto(frame.points(), "frame.points", violations);
   if (frame.data().empty()) Add(violations, "frame.data", absl::StrCat("of frame ", frame.index(), " is empty"));
-  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (!violations.empty()) return InvalidFieldsError(violations);
   out.bytes = std::move(*frame.mutable_data());
   return out;
 }
@@ -208,7 +208,7 @@ v1::AddPoints AddPointsToProto(const std::vector<PointQuery>& points) {
 absl::StatusOr<std::vector<PointQuery>> FromProto(const v1::AddPoints& add) {
   Violations violations;
   std::vector<PointQuery> points = PointsFromProto(add.points(), "add_points.points", violations);
-  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (!violations.empty()) return InvalidFieldsError(violations);
   return points;
 }
 

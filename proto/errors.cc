@@ -26,7 +26,7 @@ json Payload(const absl::Status& status, absl::string_view url) {
 
 }  // namespace
 
-absl::Status InvalidFieldsError(std::vector<FieldViolation> violations) {
+absl::Status InvalidFieldsError(const std::vector<FieldViolation>& violations) {
   json list = json::array();
   for (const FieldViolation& v : violations) list.push_back({{"field", v.field}, {"description", v.description}});
   absl::Status status =

@@ -19,7 +19,7 @@ struct FieldViolation {
 };
 
 // INVALID_ARGUMENT naming every violation in its message. REQUIRES: violations is not empty.
-absl::Status InvalidFieldsError(std::vector<FieldViolation> violations);
+absl::Status InvalidFieldsError(const std::vector<FieldViolation>& violations);
 absl::Status InvalidFieldError(absl::string_view field, absl::string_view description);
 
 // Empty when 'status' carries none.

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -88,7 +87,7 @@ absl::Status WithDetails(const google::rpc::Status& in, absl::Status status) {
   const auto adopt = [&status](const absl::Status& source) {
     source.ForEachPayload([&status](absl::string_view url, const absl::Cord& cord) { status.SetPayload(url, cord); });
   };
-  if (!violations.empty()) adopt(InvalidFieldsError(std::move(violations)));
+  if (!violations.empty()) adopt(InvalidFieldsError(violations));
   if (overloaded) adopt(OverloadError(overload.subject, overload.description, overload.retry_after));
   return status;
 }

@@ -78,7 +78,7 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   std::optional<ImageSize> frame;
   if (IsRaw(config.encoding) && config.raw_size.width > 0 && config.raw_size.height > 0) frame = config.raw_size;
   for (FieldViolation& v : CheckPoints("config.points", config.points, frame)) violations.push_back(std::move(v));
-  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (!violations.empty()) return InvalidFieldsError(violations);
   if (static_cast<int64_t>(config.points.size()) > options.limits.max_points) {
     return OverloadError("points of a session", absl::StrCat("at most ", options.limits.max_points),
                          absl::ZeroDuration());

@@ -71,7 +71,7 @@ absl::Status SessionInbox::CheckPointsLocked(const Frame& frame, ImageSize size)
   for (const Unchecked& message : unchecked_) {
     for (FieldViolation& v : CheckPoints(message.list, message.points, size)) violations.push_back(std::move(v));
   }
-  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (!violations.empty()) return InvalidFieldsError(violations);
   return CheckCountLocked(frame.points);
 }
 
@@ -89,7 +89,7 @@ absl::Status SessionInbox::AddPoints(absl::string_view list, const std::vector<P
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
   std::vector<FieldViolation> violations = CheckPoints(list, points, frame_size_);
-  if (!violations.empty()) return InvalidFieldsError(std::move(violations));
+  if (!violations.empty()) return InvalidFieldsError(violations);
   if (absl::Status status = CheckCountLocked(points); !status.ok()) return status;
   if (!frame_size_) unchecked_.push_back({std::string(list), points});
   SeedLocked(points, std::max<int64_t>(received_ - 1, 0));
