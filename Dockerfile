@@ -51,7 +51,6 @@ COPY --from=build /rootfs/server /
 COPY weights /usr/share/holdfast/weights
 RUN ldconfig && holdfast-server --version
 USER holdfast
-WORKDIR /usr/share/holdfast
 EXPOSE 50051 9464
 # Kubernetes uses its own probes: grpc on 50051 (grpc.health.v1) or http GET /readyz on 9464.
 HEALTHCHECK --interval=10s --timeout=3s --start-period=30s \

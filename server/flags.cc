@@ -12,7 +12,7 @@ ABSL_FLAG(std::string, listen, "[::]:50051", "host:port of the gRPC service; por
 ABSL_FLAG(std::string, metrics_listen, "0.0.0.0:9464", "host:port of /metrics, /healthz and /readyz over HTTP");
 ABSL_FLAG(std::string, port_file, "", "file to write the bound ports to, once the server is ready");
 ABSL_FLAG(std::string, weights, "",
-          "safetensors file; empty: weights/interim.safetensors if there, else the installed weights");
+          "safetensors file; empty: weights/small.safetensors if there, else the installed ones");
 ABSL_FLAG(std::string, device, "cpu", "cpu, cuda, cuda:1, ...");
 ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
 ABSL_FLAG(int, compute_threads, 0, "threads of one tensor operation; 0: all cores");

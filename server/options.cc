@@ -14,8 +14,8 @@
 namespace holdfast {
 namespace {
 
-constexpr char kSourceTreeWeights[] = "weights/interim.safetensors";
-constexpr char kInstalledWeights[] = "/usr/share/holdfast/weights/default.safetensors";
+constexpr char kSourceTreeWeights[] = "weights/small.safetensors";
+constexpr char kInstalledWeights[] = "/usr/share/holdfast/weights/small.safetensors";
 
 bool IsLogLevel(const std::string& level) {
   return level == "off" || spdlog::level::from_str(level) != spdlog::level::off;

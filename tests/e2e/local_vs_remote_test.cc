@@ -45,7 +45,7 @@ std::vector<std::string> ReadClip() {
 
 EngineOptions SmallEngine() {
   EngineOptions options;
-  options.weights_path = HOLDFAST_SOURCE_DIR "/weights/interim.safetensors";
+  options.weights_path = HOLDFAST_SOURCE_DIR "/weights/small.safetensors";
   options.precision = Precision::kFloat32;
   options.compute_threads = 1;
   options.processing_size = kSize;

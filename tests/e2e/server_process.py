@@ -19,7 +19,7 @@ class ServerProcess:
         self.log = open(pathlib.Path(self.directory.name) / "log", "w+")
         self.process = subprocess.Popen(
             [program, "--listen=127.0.0.1:0", "--metrics_listen=127.0.0.1:0", f"--port_file={ports}",
-             f"--weights={SOURCE / 'weights' / 'interim.safetensors'}", *flags],
+             f"--weights={SOURCE / 'weights' / 'small.safetensors'}", *flags],
             stderr=self.log, env=environment)
         while not ports.exists():
             if self._ended_within(0.05):

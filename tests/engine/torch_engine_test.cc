@@ -129,7 +129,7 @@ TEST(TorchEngineTest, RunsTheShippedWeights) {
   const TensorMap golden = ReadGolden("pips2_golden.safetensors"),
                   expected = ReadGolden("interim_expected.safetensors");
   EngineOptions options = Exact({160, 128});
-  options.weights_path = std::string(HOLDFAST_SOURCE_DIR) + "/weights/interim.safetensors";
+  options.weights_path = std::string(HOLDFAST_SOURCE_DIR) + "/tests/data/interim.safetensors";
   SimulatedClock clock;
   NullEngineMetrics metrics;
   const torch::Tensor frames = golden.at("frames").narrow(0, 0, 24);

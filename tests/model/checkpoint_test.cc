@@ -21,7 +21,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
-constexpr char kInterim[] = HOLDFAST_SOURCE_DIR "/weights/interim.safetensors";
+constexpr char kInterim[] = HOLDFAST_SOURCE_DIR "/tests/data/interim.safetensors";
 
 PointModel TestModel(uint64_t seed = 3) {
   torch::manual_seed(seed);
@@ -54,7 +54,14 @@ absl::Status LoadChanged(const std::function<void(TensorFile&)>& change) {
   return LoadModel(dir.File("m.safetensors")).status();
 }
 
-TEST(CheckpointTest, TheWeightsOfTheTreeLoad) {
+TEST(CheckpointTest, TheShippedWeightsAreThoseOfPresetSmall) {
+  const auto loaded = LoadModel(HOLDFAST_SOURCE_DIR "/weights/small.safetensors");
+  ASSERT_THAT(loaded, IsOk());
+  EXPECT_EQ(loaded->name, "small");
+  EXPECT_EQ(PresetName(loaded->model->options()), "small");
+}
+
+TEST(CheckpointTest, WeightsOfAnotherProgramLoadValueByValue) {
   const auto loaded = LoadModel(kInterim);
   ASSERT_THAT(loaded, IsOk());
   EXPECT_EQ(loaded->name, "interim");

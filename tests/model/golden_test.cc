@@ -163,7 +163,7 @@ TEST_F(GoldenTest, ChainedRunFollowsThePublishedScript) {
 }
 
 TEST(InterimWeightsTest, TrackAsExpected) {
-  auto loaded = LoadModel(std::string(HOLDFAST_SOURCE_DIR) + "/weights/interim.safetensors");
+  auto loaded = LoadModel(std::string(HOLDFAST_SOURCE_DIR) + "/tests/data/interim.safetensors");
   ASSERT_TRUE(loaded.ok()) << loaded.status();
   PointModel model = loaded->model;
   const c10::InferenceMode guard;

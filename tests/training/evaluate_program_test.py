@@ -21,7 +21,7 @@ class EvaluateProgramTest(unittest.TestCase):
     def test_compares_weights_and_baseline_on_the_same_clips(self):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "report.json"
-            weights = REPOSITORY / "weights/interim.safetensors"
+            weights = REPOSITORY / "weights/small.safetensors"
             result = evaluate(*SMALL, f"--weights={weights}", "--processing_size=128x96", "--baseline=lk",
                               f"--json={path}")
             self.assertEqual(result.returncode, 0, result.stderr)

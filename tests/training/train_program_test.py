@@ -174,7 +174,7 @@ class TrainProgramTest(unittest.TestCase):
 
     def test_starts_from_weights_of_a_similar_network(self):
         out = self.folder / "out"
-        weights = REPOSITORY / "weights/interim.safetensors"
+        weights = REPOSITORY / "tests/data/interim.safetensors"
         result = subprocess.run([PROGRAM, "--preset=small", "--steps=1", f"--init={weights}", f"--out={out}",
                                  "--phases=1:64x64:8:2", "--frames=4", "--validate_every=0"],
                                 capture_output=True, text=True)
