@@ -10,7 +10,8 @@ namespace holdfast {
 namespace {
 
 // Images of one size, rows copied one by one: a picture may be a view into a larger one.
-torch::Tensor StackImages(const std::vector<cv::Mat>& images, std::vector<int64_t> shape, torch::ScalarType dtype) {
+torch::Tensor StackImages(const std::vector<cv::Mat>& images, const std::vector<int64_t>& shape,
+                          torch::ScalarType dtype) {
   torch::Tensor stack = torch::empty(shape, dtype);
   char* to = static_cast<char*>(stack.data_ptr());
   for (const cv::Mat& image : images) {

@@ -24,7 +24,7 @@ absl::StatusOr<torch::Tensor> SumGradients(const std::vector<torch::Tensor>& par
   std::copy_n(numbers.data_ptr<double>(), extra.size(), extra.begin());
   torch::Tensor gradient = all.narrow(0, 0, count).mul_(scale);
   int64_t offset = 0;
-  for (torch::Tensor parameter : parameters) {
+  for (const torch::Tensor& parameter : parameters) {
     if (!parameter.grad().defined()) continue;
     parameter.mutable_grad() = gradient.narrow(0, offset, parameter.numel()).view(parameter.sizes());
     offset += parameter.numel();

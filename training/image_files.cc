@@ -41,7 +41,8 @@ absl::Status SizeDiffers(const std::string& path) {
 // Median of the labels (not 0) in the 7 x 7 pixels about (x, y); 0 without any.
 int32_t LabelAround(const cv::Mat& mask, int x, int y) {
   constexpr int kReach = 3;
-  std::array<int32_t, (2 * kReach + 1) * (2 * kReach + 1)> labels;
+  constexpr size_t kSide = 2 * kReach + 1;
+  std::array<int32_t, kSide * kSide> labels;
   size_t count = 0;
   for (int j = std::max(y - kReach, 0); j <= std::min(y + kReach, mask.rows - 1); ++j) {
     for (int i = std::max(x - kReach, 0); i <= std::min(x + kReach, mask.cols - 1); ++i) {

@@ -45,7 +45,7 @@ LossParts ClipLoss(const Prediction& prediction, const ClipTargets& targets, con
   LossParts parts;
   parts.distance = DistanceLoss(prediction.positions, targets, options);
   parts.total = parts.distance;
-  const auto add = [&](torch::Tensor& part, torch::Tensor loss, double weight) {
+  const auto add = [&](torch::Tensor& part, const torch::Tensor& loss, double weight) {
     parts.total = parts.total + weight * loss;
     part = loss.detach();
   };
