@@ -4,18 +4,17 @@
 #include <torch/utils.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "model/presets.h"
 #include "model/safetensors.h"
+#include "model/thread_count.h"
 #include "training/clip_targets.h"
 #include "training/console.h"
 #include "training/log_files.h"
@@ -93,9 +92,6 @@ absl::StatusOr<std::optional<Validation>> OpenValidation(const TrainRequest& req
   return *std::move(validation);
 }
 
-// LibTorch's own choice may be a single thread.
-int AvailableCores() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
-
 std::string Describe(const TrainRequest& request, const PointModelImpl& model, const ProcessGroup& group) {
   return absl::StrCat("network ", PresetName(request.network), ", ", model.ParameterCount(), " parameters; ",
                       group.world(), group.world() == 1 ? " process; " : " processes; ",
@@ -106,7 +102,7 @@ std::string Describe(const TrainRequest& request, const PointModelImpl& model, c
 
 absl::Status RunTraining(const TrainRequest& request, const GroupOptions& options, const std::atomic<bool>& stop) {
   const SystemClock clock;
-  torch::set_num_threads(request.threads > 0 ? request.threads : AvailableCores());
+  torch::set_num_threads(ThreadCount(request.threads));
   auto group = ProcessGroup::Join(options, request.trainer.device.type());
   if (!group.ok()) return group.status();
   const bool leads = (*group)->rank() == 0;

@@ -16,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/presets.h"
 #include "model/sampling.h"
+#include "model/thread_count.h"
 
 namespace holdfast {
 namespace {
@@ -265,8 +266,7 @@ torch::ScalarType ChooseType(Precision precision, const torch::Device& device) {
 absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel loaded, const EngineOptions& options) {
   const absl::StatusOr<torch::Device> device = ParseDevice(options.device);
   if (!device.ok()) return device.status();
-  const int threads = options.compute_threads > 0 ? options.compute_threads
-                                                  : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int threads = ThreadCount(options.compute_threads);
   std::unique_ptr<TrackerModel> model;
   try {
     model = std::make_unique<TorchTrackerModel>(std::move(loaded), *device, ChooseType(options.precision, *device),
