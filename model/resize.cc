@@ -9,6 +9,7 @@
 
 #include "model/kernel_type.h"
 #include "model/resize_kernel.h"
+#include "model/shape_check.h"
 
 namespace holdfast {
 namespace {
@@ -18,18 +19,48 @@ using torch::autograd::variable_list;
 
 constexpr int64_t kGrainRows = 16;
 
-torch::Tensor Forward(const torch::Tensor& map, int64_t height, int64_t width) {
-  return at::upsample_bilinear2d(map, {height, width}, /*align_corners=*/true);
+struct Places {
+  std::vector<ResizePlace> rows;
+  std::vector<ResizePlace> columns;
+};
+
+// source [F, C, H, W], target [F, C, h, w]; 'places' must outlive the result.
+template <typename T>
+ResizedMaps<T> MapsOf(const torch::Tensor& source, const torch::Tensor& target, Places& places) {
+  ResizedMaps<T> maps;
+  maps.channels = source.size(1);
+  maps.height = source.size(2);
+  maps.width = source.size(3);
+  maps.out_height = target.size(2);
+  maps.out_width = target.size(3);
+  places = {ResizePlaces(maps.out_height, maps.height), ResizePlaces(maps.out_width, maps.width)};
+  maps.rows = places.rows.data();
+  maps.columns = places.columns.data();
+  return maps;
+}
+
+template <typename T>
+void Forward(const torch::Tensor& map, const torch::Tensor& out) {
+  Places places;
+  ResizedMaps<T> maps = MapsOf<T>(map, out, places);
+  maps.map = KernelData<T>(map);
+  maps.out = KernelData<T>(out);
+  at::parallel_for(0, out.size(0) * maps.out_height, kGrainRows,
+                   [&](int64_t begin, int64_t end) { ResizeRows(maps, begin, end); });
+}
+
+torch::Tensor RunForward(const torch::Tensor& map, int64_t height, int64_t width) {
+  const torch::Tensor source = map.contiguous(torch::MemoryFormat::ChannelsLast);
+  const torch::Tensor out =
+      torch::empty({map.size(0), map.size(1), height, width}, map.options(), torch::MemoryFormat::ChannelsLast);
+  map.scalar_type() == torch::kBFloat16 ? Forward<Bf16>(source, out) : Forward<float>(source, out);
+  return out;
 }
 
 template <typename T>
 void Backward(const torch::Tensor& grad_out, const torch::Tensor& grad) {
-  ResizedMaps<T> maps;
-  maps.channels = grad.size(1);
-  maps.height = grad.size(2);
-  maps.width = grad.size(3);
-  maps.out_height = grad_out.size(2);
-  maps.out_width = grad_out.size(3);
+  Places places;
+  ResizedMaps<T> maps = MapsOf<T>(grad, grad_out, places);
   maps.grad_out = KernelData<T>(grad_out);
   maps.grad = KernelData<T>(grad);
   at::parallel_for(0, grad.size(0) * maps.height, kGrainRows, [&](int64_t begin, int64_t end) {
@@ -43,18 +74,14 @@ class ResizeFunction : public torch::autograd::Function<ResizeFunction> {
  public:
   static torch::Tensor forward(AutogradContext* ctx, const torch::Tensor& map, int64_t height, int64_t width) {
     ctx->saved_data["sizes"] = map.sizes();
-    return Forward(map, height, width);
+    return RunForward(map, height, width);
   }
 
   static variable_list backward(AutogradContext* ctx, variable_list grads) {
     const torch::Tensor grad_out = grads[0].contiguous(torch::MemoryFormat::ChannelsLast);
     const torch::Tensor grad =
         torch::empty(ctx->saved_data["sizes"].toIntVector(), grad_out.options(), torch::MemoryFormat::ChannelsLast);
-    if (grad.scalar_type() == torch::kBFloat16) {
-      Backward<Bf16>(grad_out, grad);
-    } else {
-      Backward<float>(grad_out, grad);
-    }
+    grad.scalar_type() == torch::kBFloat16 ? Backward<Bf16>(grad_out, grad) : Backward<float>(grad_out, grad);
     return {grad, torch::Tensor(), torch::Tensor()};
   }
 };
@@ -62,9 +89,17 @@ class ResizeFunction : public torch::autograd::Function<ResizeFunction> {
 }  // namespace
 
 torch::Tensor ResizeBilinear(const torch::Tensor& map, int64_t height, int64_t width) {
+  CheckFloating("map", map, {-1, -1, -1, -1});
+  TORCH_CHECK(map.size(2) > 0 && map.size(3) > 0 && height > 0 && width > 0, "map: cannot be resized from ",
+              map.sizes(), " to ", height, " x ", width);
   if (map.size(2) == height && map.size(3) == width) return map;
-  if (!HasKernel(map) || !map.requires_grad() || !torch::GradMode::is_enabled()) return Forward(map, height, width);
+  if (!HasKernel(map)) return ResizeBilinearPlain(map, height, width);
+  if (!map.requires_grad() || !torch::GradMode::is_enabled()) return RunForward(map, height, width);
   return ResizeFunction::apply(map, height, width);
+}
+
+torch::Tensor ResizeBilinearPlain(const torch::Tensor& map, int64_t height, int64_t width) {
+  return at::upsample_bilinear2d(map, {height, width}, /*align_corners=*/true);
 }
 
 }  // namespace holdfast

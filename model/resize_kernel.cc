@@ -6,19 +6,34 @@
 namespace holdfast {
 namespace {
 
-// Where place 'index' of an axis of 'out' places lies on one of 'in' places: between 'first' and 'second', 'share' of
-// the way.
-struct Place {
-  int64_t first;
-  int64_t second;
-  float share;
-};
+// One row of the result from the two rows of the source that it lies between.
+template <typename T>
+HOLDFAST_INLINE void MixRows(const ResizedMaps<T>& m, const T* __restrict top, const T* __restrict bottom, float share,
+                             T* __restrict out) {
+  for (int64_t x = 0; x < m.out_width; ++x) {
+    const ResizePlace at = m.columns[x];
+    const float left = 1 - at.share, above = 1 - share;
+    const T* top_left = top + at.first * m.channels;
+    const T* top_right = top + at.second * m.channels;
+    const T* bottom_left = bottom + at.first * m.channels;
+    const T* bottom_right = bottom + at.second * m.channels;
+    T* pixel = out + x * m.channels;
+    for (int64_t c = 0; c < m.channels; ++c) {
+      const float upper = left * ToFloat(top_left[c]) + at.share * ToFloat(top_right[c]);
+      const float lower = left * ToFloat(bottom_left[c]) + at.share * ToFloat(bottom_right[c]);
+      Assign(above * upper + share * lower, pixel + c);
+    }
+  }
+}
 
-HOLDFAST_INLINE Place PlaceOf(int64_t index, int64_t out, int64_t in) {
-  const float scale = out > 1 ? static_cast<float>(in - 1) / static_cast<float>(out - 1) : 0.0f;
-  const float at = static_cast<float>(index) * scale;
-  const int64_t first = std::min(static_cast<int64_t>(at), in - 1);
-  return {first, std::min(first + 1, in - 1), at - static_cast<float>(first)};
+template <typename T>
+HOLDFAST_INLINE void Rows(const ResizedMaps<T>& m, int64_t begin, int64_t end) {
+  const int64_t values = m.width * m.channels;
+  for (int64_t i = begin; i < end; ++i) {
+    const ResizePlace at = m.rows[i % m.out_height];
+    const T* map = m.map + i / m.out_height * m.height * values;
+    MixRows(m, map + at.first * values, map + at.second * values, at.share, m.out + i * m.out_width * m.channels);
+  }
 }
 
 // What a row of the result gives to a row of the source, of which it took 'weight'.
@@ -26,7 +41,7 @@ template <typename T>
 HOLDFAST_INLINE void AddRow(const ResizedMaps<T>& m, const T* __restrict grad_out, float weight,
                             float* __restrict row) {
   for (int64_t x = 0; x < m.out_width; ++x) {
-    const Place at = PlaceOf(x, m.out_width, m.width);
+    const ResizePlace at = m.columns[x];
     const float left = weight * (1 - at.share);
     const float right = weight * at.share;
     const T* g = grad_out + x * m.channels;
@@ -45,7 +60,7 @@ HOLDFAST_INLINE void Gradients(const ResizedMaps<T>& m, int64_t begin, int64_t e
     const T* grad_out = m.grad_out + i / m.height * m.out_height * m.out_width * m.channels;
     std::fill_n(row, values, 0.0f);
     for (int64_t out_y = 0; out_y < m.out_height; ++out_y) {
-      const Place at = PlaceOf(out_y, m.out_height, m.height);
+      const ResizePlace at = m.rows[out_y];
       const float weight = (at.first == y ? 1 - at.share : 0) + (at.second == y ? at.share : 0);
       if (weight != 0) AddRow(m, grad_out + out_y * m.out_width * m.channels, weight, row);
     }
@@ -55,6 +70,21 @@ HOLDFAST_INLINE void Gradients(const ResizedMaps<T>& m, int64_t begin, int64_t e
 }
 
 }  // namespace
+
+std::vector<ResizePlace> ResizePlaces(int64_t out, int64_t in) {
+  const float scale = out > 1 ? static_cast<float>(in - 1) / static_cast<float>(out - 1) : 0.0f;
+  std::vector<ResizePlace> places(static_cast<size_t>(out));
+  for (int64_t i = 0; i < out; ++i) {
+    const float at = static_cast<float>(i) * scale;
+    // Rounding may carry 'at' up to the next whole number, never past the map.
+    const int64_t first = std::min(static_cast<int64_t>(at), in - 1);
+    places[static_cast<size_t>(i)] = {first, std::min(first + 1, in - 1), at - static_cast<float>(first)};
+  }
+  return places;
+}
+
+HOLDFAST_SIMD void ResizeRows(const ResizedMaps<float>& maps, int64_t begin, int64_t end) { Rows(maps, begin, end); }
+HOLDFAST_SIMD void ResizeRows(const ResizedMaps<Bf16>& maps, int64_t begin, int64_t end) { Rows(maps, begin, end); }
 
 HOLDFAST_SIMD void ResizeGradients(const ResizedMaps<float>& maps, int64_t begin, int64_t end, float* row) {
   Gradients(maps, begin, end, row);

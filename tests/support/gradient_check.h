@@ -20,12 +20,17 @@ inline double RelativeDifference(const torch::Tensor& got, const torch::Tensor& 
   return (got.to(torch::kDouble) - wide).abs().max().item<double>() / scale;
 }
 
+inline torch::Tensor Weights(const torch::Tensor& phase) {
+  return torch::sin(phase * 12.9898).to(torch::kBFloat16).to(torch::kDouble);
+}
+
 struct FunctionResult {
   torch::Tensor value;
   std::vector<torch::Tensor> gradients;  // of sum(value * weights) by each input
 };
 
-// 'inputs' converted to 'dtype'; the weights are the same pseudo-random numbers each time.
+// 'inputs' converted to 'dtype'; the weights are the same pseudo-random numbers each time, and bfloat16 holds them, so
+// that what flows back is not rounded before it reaches the function.
 inline FunctionResult Differentiate(const TensorFunction& function, const std::vector<torch::Tensor>& inputs,
                                     torch::ScalarType dtype) {
   std::vector<torch::Tensor> leaves;
@@ -33,7 +38,7 @@ inline FunctionResult Differentiate(const TensorFunction& function, const std::v
   FunctionResult result;
   result.value = function(leaves);
   const torch::Tensor phase = torch::arange(result.value.numel(), torch::kDouble).view(result.value.sizes());
-  (result.value.to(torch::kDouble) * torch::sin(phase * 12.9898)).sum().backward();
+  (result.value.to(torch::kDouble) * Weights(phase)).sum().backward();
   for (const auto& leaf : leaves) result.gradients.push_back(leaf.grad());
   return result;
 }
@@ -58,7 +63,7 @@ inline void ExpectDifferentiable(const TensorFunction& function, const std::vect
   const FunctionResult result = Differentiate(function, inputs, torch::kDouble);
   const torch::Tensor phase = torch::arange(result.value.numel(), torch::kDouble).view(result.value.sizes());
   const auto weighted = [&](const std::vector<torch::Tensor>& at) {
-    return (function(at) * torch::sin(phase * 12.9898)).sum().item<double>();
+    return (function(at) * Weights(phase)).sum().item<double>();
   };
   constexpr double kStep = 1e-5;
   const torch::NoGradGuard no_grad;
