@@ -17,6 +17,12 @@ if(HOLDFAST_SERVER OR HOLDFAST_TRAINING)
   add_library(holdfast_torch INTERFACE)
   target_include_directories(holdfast_torch SYSTEM INTERFACE ${TORCH_INCLUDE_DIRS})
   target_link_libraries(holdfast_torch INTERFACE ${TORCH_LIBRARIES})
+  # The copy of oneDNN that LibTorch convolves with; its CMake file wants OpenCL's headers too.
+  find_library(HOLDFAST_DNNL dnnl REQUIRED)
+  find_path(HOLDFAST_DNNL_INCLUDE oneapi/dnnl/dnnl.h REQUIRED)
+  add_library(holdfast_dnnl INTERFACE)
+  target_include_directories(holdfast_dnnl SYSTEM INTERFACE ${HOLDFAST_DNNL_INCLUDE})
+  target_link_libraries(holdfast_dnnl INTERFACE ${HOLDFAST_DNNL})
   # at::parallel_for is a template: without OpenMP in our own flags it runs on one thread. LibTorch uses GCC's runtime,
   # and a process must not have two, so clang (which serves for analysis only) goes without.
   if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
