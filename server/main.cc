@@ -38,7 +38,7 @@ std::string Describe(const TrackerInfo& info) {
 absl::Status Run(const ServerOptions& options, const TerminationSignals& signals,
                  const std::shared_ptr<spdlog::logger>& log) {
   SystemClock clock;
-  PrometheusMetrics metrics;
+  PrometheusMetrics metrics(log);
   std::unique_ptr<Engine> engine;  // outlives the server's streams
   auto server = Server::Start(options, clock, metrics, log);
   if (!server.ok()) return server.status();

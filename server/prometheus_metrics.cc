@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "flags/program_flags.h"
 #include "server/process_stats.h"
 
@@ -144,11 +145,16 @@ struct PrometheusMetrics::Impl {
   Family<Counter>& rejected =
       AddCounters("holdfast_admission_rejected_total", "Streams and sessions refused at the door, by reason.");
   Gauge& cache_bytes = AddGauge("holdfast_cache_bytes", "Features held now, over all sessions.");
+  Counter& precision_fallbacks =
+      AddCounters("holdfast_precision_fallbacks_total",
+                  "Processing sizes left in float32 because bfloat16 computed something else.")
+          .Add({});
   Family<Gauge>& model_info =
       prometheus::BuildGauge().Name("holdfast_model_info").Help("What is loaded; always 1.").Register(registry);
 };
 
-PrometheusMetrics::PrometheusMetrics() : impl_(std::make_unique<Impl>()) {
+PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
+    : impl_(std::make_unique<Impl>()), log_(std::move(log)) {
   Impl::Prepare(impl_->sessions, "outcome",
                 {SessionOutcome::kCompleted, SessionOutcome::kFailed, SessionOutcome::kCancelled});
   Impl::Prepare(impl_->frames, "result", {FrameResult::kTracked, FrameResult::kRejected, FrameResult::kDropped});
@@ -222,6 +228,12 @@ void PrometheusMetrics::BatchRefined(int64_t rows, int64_t iterations) {
 }
 
 void PrometheusMetrics::CacheBytes(int64_t bytes) { impl_->cache_bytes.Set(static_cast<double>(bytes)); }
+
+void PrometheusMetrics::PrecisionFellBack(ImageSize size, absl::string_view why) {
+  impl_->precision_fallbacks.Increment();
+  log_->warn(absl::StrCat("frames processed at ", size.width, "x", size.height,
+                          " are computed in float32: bfloat16 gives other results on this machine (", why, ")"));
+}
 
 void PrometheusMetrics::StreamRefused(RefusalReason reason) {
   impl_->rejected.Add({{"reason", Name(reason)}}).Increment();

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <spdlog/logger.h>
+
 #include <memory>
 #include <string>
 
@@ -11,9 +13,10 @@
 namespace holdfast {
 
 // Counts the events of the engine and the server for Prometheus; the library stays behind this header. Thread-safe.
+// Events that an operator has to hear of are logged too.
 class PrometheusMetrics final : public EngineMetrics, public ServerEvents {
  public:
-  PrometheusMetrics();
+  explicit PrometheusMetrics(std::shared_ptr<spdlog::logger> log);
   ~PrometheusMetrics() override;
 
   // Everything, in Prometheus' text format.
@@ -32,11 +35,13 @@ class PrometheusMetrics final : public EngineMetrics, public ServerEvents {
   void SessionLag(int64_t frames) override;
   void BatchRefined(int64_t rows, int64_t iterations) override;
   void CacheBytes(int64_t bytes) override;
+  void PrecisionFellBack(ImageSize size, absl::string_view why) override;
   void StreamRefused(RefusalReason reason) override;
 
  private:
   struct Impl;
   const std::unique_ptr<Impl> impl_;
+  const std::shared_ptr<spdlog::logger> log_;
 };
 
 }  // namespace holdfast

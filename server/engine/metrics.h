@@ -6,6 +6,7 @@
 
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+#include "proto/types.h"
 
 namespace holdfast {
 
@@ -28,6 +29,9 @@ class EngineMetrics {
   virtual void SessionLag(int64_t frames) = 0;                   // received but not processed, seen at each frame
   virtual void BatchRefined(int64_t rows, int64_t iterations) = 0;
   virtual void CacheBytes(int64_t bytes) = 0;  // features held now, all sessions
+  // Frames of this processing size are computed in float32 though bfloat16 would be faster: 'why' says how far apart
+  // the two were. Once a size.
+  virtual void PrecisionFellBack(ImageSize size, absl::string_view why) = 0;
 };
 
 class NullEngineMetrics : public EngineMetrics {
@@ -43,6 +47,7 @@ class NullEngineMetrics : public EngineMetrics {
   void SessionLag(int64_t) override {}
   void BatchRefined(int64_t, int64_t) override {}
   void CacheBytes(int64_t) override {}
+  void PrecisionFellBack(ImageSize, absl::string_view) override {}
 };
 
 }  // namespace holdfast

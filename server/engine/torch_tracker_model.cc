@@ -14,9 +14,12 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "model/precision.h"
+#include "model/precision_check.h"
 #include "model/presets.h"
 #include "model/sampling.h"
 #include "model/thread_count.h"
+#include "server/engine/precision_switch.h"
 
 namespace holdfast {
 namespace {
@@ -130,31 +133,40 @@ auto WithMemoryErrors(Work work) -> decltype(work()) {
   }
 }
 
+// [F, H, W, 3] uint8
+torch::Tensor FramesOf(absl::Span<const RgbImage* const> images) {
+  std::vector<torch::Tensor> frames;
+  for (const RgbImage* image : images) {
+    frames.push_back(torch::from_blob(const_cast<uint8_t*>(image->pixels.data()),  // only read
+                                      {image->size.height, image->size.width, 3}, torch::kUInt8));
+  }
+  return torch::stack(frames);
+}
+
+const char* NameOf(torch::ScalarType dtype) { return dtype == torch::kBFloat16 ? "bfloat16" : "float32"; }
+
 class TorchTrackerModel final : public TrackerModel {
  public:
-  TorchTrackerModel(LoadedModel loaded, torch::Device device, torch::ScalarType dtype, int threads)
-      : model_(std::move(loaded.model)), device_(device), dtype_(dtype), threads_(threads) {
-    model_->eval();
-    model_->to(device, dtype);
-    const ModelOptions& options = model_->options();
-    info_.name = std::move(loaded.name);
+  TorchTrackerModel(ModelInfo info, const ModelOptions& options, std::unique_ptr<PrecisionSwitch> networks,
+                    torch::Device device, int threads)
+      : options_(options), networks_(std::move(networks)), device_(device), threads_(threads), info_(std::move(info)) {
     info_.preset = PresetName(options);
-    info_.weights_sha256 = std::move(loaded.sha256);
-    info_.precision = dtype == torch::kBFloat16 ? "bfloat16" : "float32";
     info_.device = device.str();
     info_.window_frames = static_cast<int>(options.window);
     info_.stride = static_cast<int>(options.stride);
   }
 
   const ModelInfo& info() const override { return info_; }
+  // What clients are told is the precision of frames of this size. Before the model is shared.
+  void NamePrecisionAt(ImageSize size) { info_.precision = NameOf(networks_->FeatureType(size)); }
 
   int64_t FrameBytes(ImageSize size) const override {
-    const ModelOptions& options = model_->options();
-    int64_t height = size.height / options.stride, width = size.width / options.stride, cells = 0;
-    for (int64_t level = 0; level < options.correlation_levels; ++level, height /= 2, width /= 2) {
+    int64_t height = size.height / options_.stride, width = size.width / options_.stride, cells = 0;
+    for (int64_t level = 0; level < options_.correlation_levels; ++level, height /= 2, width /= 2) {
       cells += height * width;
     }
-    return cells * options.feature_channels * static_cast<int64_t>(c10::elementSize(dtype_));
+    const auto bytes = static_cast<int64_t>(c10::elementSize(networks_->FeatureType(size)));
+    return cells * options_.feature_channels * bytes;
   }
 
   void PrepareThread() override { at::set_num_threads(threads_); }
@@ -162,14 +174,10 @@ class TorchTrackerModel final : public TrackerModel {
   std::vector<FrameFeaturesPtr> Encode(absl::Span<const RgbImage* const> images) override {
     return WithMemoryErrors([&] {
       const c10::InferenceMode guard;
-      std::vector<torch::Tensor> frames;
-      for (const RgbImage* image : images) {
-        frames.push_back(torch::from_blob(const_cast<uint8_t*>(image->pixels.data()),  // only read
-                                          {image->size.height, image->size.width, 3}, torch::kUInt8));
-      }
-      const torch::Tensor maps = model_->Encode(torch::stack(frames).to(device_));
+      PointModel& model = networks_->ForSize(images.front()->size);
+      const torch::Tensor maps = model->Encode(FramesOf(images).to(device_));
       std::vector<FrameFeaturesPtr> features;
-      for (FeaturePyramid& pyramid : BuildPyramids(maps, model_->options().correlation_levels)) {
+      for (FeaturePyramid& pyramid : BuildPyramids(maps, options_.correlation_levels)) {
         features.push_back(std::make_shared<TorchFeatures>(std::move(pyramid)));
       }
       return features;
@@ -194,7 +202,8 @@ class TorchTrackerModel final : public TrackerModel {
       std::vector<WindowRows> rows;
       for (const WindowGroup& group : groups) rows.push_back(ToWindowRows(group));
       std::vector<RowEstimate> estimates;
-      for (const WindowEstimate& group : model_->Refine(rows, {options.iterations, options.keep_templates})) {
+      for (const WindowEstimate& group :
+           networks_->Refine(std::move(rows), {options.iterations, options.keep_templates})) {
         AppendEstimates(group, estimates);
       }
       return estimates;
@@ -202,22 +211,24 @@ class TorchTrackerModel final : public TrackerModel {
   }
 
  private:
-  PointModel model_;
+  const ModelOptions options_;
+  const std::unique_ptr<PrecisionSwitch> networks_;
   const torch::Device device_;
-  const torch::ScalarType dtype_;
   const int threads_;
   ModelInfo info_;
 };
 
 // One frame and one row, on a thread of its own so that the caller's thread settings stay what they are. The libraries
-// below choose and compile their kernels here and not in the first session.
+// below choose and compile their kernels here and not in the first session, and the precision of this size is chosen.
 absl::Status WarmUp(TrackerModel& model, const EngineOptions& options) {
   absl::Status status;
   std::thread([&] {
     try {
       model.PrepareThread();
       const ImageSize size = options.processing_size;
-      const RgbImage image{size, std::vector<uint8_t>(size_t{3} * size.width * size.height, 128)};
+      const torch::Tensor picture = CheckPicture(size.height, size.width);
+      const uint8_t* pixels = picture.data_ptr<uint8_t>();
+      const RgbImage image{size, {pixels, pixels + picture.numel()}};
       const RgbImage* images[] = {&image};
       const Position at{1, 1};
       const FrameFeaturesPtr features = model.Encode(images).front();
@@ -245,36 +256,39 @@ absl::StatusOr<torch::Device> ParseDevice(const std::string& name) {
   }
 }
 
-bool ComputesBFloat16Faster(const torch::Device& device) {
-  if (!device.is_cpu()) return device.is_cuda();
-#if defined(__x86_64__) && defined(__GNUC__)
-  return __builtin_cpu_supports("avx512bf16") != 0;
-#else
-  return false;
-#endif
-}
-
-torch::ScalarType ChooseType(Precision precision, const torch::Device& device) {
-  if (precision == Precision::kAuto) {
-    return ComputesBFloat16Faster(device) ? torch::kBFloat16 : torch::kFloat32;
+// Both networks when there is a choice to be made at each size, else the one that was asked for.
+std::unique_ptr<PrecisionSwitch> MakeSwitch(PointModel model, Precision precision, const torch::Device& device,
+                                            EngineMetrics& metrics) {
+  model->eval();
+  model->to(device);
+  if (precision == Precision::kAuto && ComputesBFloat16Faster(device)) {
+    PointModel fast = CopyInPrecision(model, torch::kBFloat16);
+    return std::make_unique<PrecisionSwitch>(std::move(model), std::move(fast), metrics);
   }
-  return precision == Precision::kBFloat16 ? torch::kBFloat16 : torch::kFloat32;
+  if (precision == Precision::kBFloat16) model->to(torch::kBFloat16);
+  return std::make_unique<PrecisionSwitch>(std::move(model), metrics);
 }
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel loaded, const EngineOptions& options) {
+absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel loaded, const EngineOptions& options,
+                                                                    EngineMetrics& metrics) {
   const absl::StatusOr<torch::Device> device = ParseDevice(options.device);
   if (!device.ok()) return device.status();
-  const int threads = ThreadCount(options.compute_threads);
-  std::unique_ptr<TrackerModel> model;
+  ModelInfo info;
+  info.name = std::move(loaded.name);
+  info.weights_sha256 = std::move(loaded.sha256);
+  const ModelOptions network = loaded.model->options();
+  std::unique_ptr<TorchTrackerModel> model;
   try {
-    model = std::make_unique<TorchTrackerModel>(std::move(loaded), *device, ChooseType(options.precision, *device),
-                                                threads);
+    model = std::make_unique<TorchTrackerModel>(
+        std::move(info), network, MakeSwitch(std::move(loaded.model), options.precision, *device, metrics), *device,
+        ThreadCount(options.compute_threads));
   } catch (const std::exception&) {
     return absl::ResourceExhaustedError(absl::StrCat("the network does not fit on ", options.device));
   }
   if (absl::Status status = WarmUp(*model, options); !status.ok()) return status;
+  model->NamePrecisionAt(options.processing_size);
   return model;
 }
 

@@ -26,7 +26,7 @@ using ::testing::SizeIs;
 std::unique_ptr<Engine> EngineOf(PointModel model, const EngineOptions& options) {
   static SimulatedClock clock;  // stands still
   static NullEngineMetrics metrics;
-  auto network = MakeTorchTrackerModel({std::move(model), "test", "00"}, options);
+  auto network = MakeTorchTrackerModel({std::move(model), "test", "00"}, options, metrics);
   EXPECT_THAT(network, IsOk());
   auto engine = CreateEngineWithModel(options, *std::move(network), clock, metrics);
   EXPECT_THAT(engine, IsOk());
@@ -206,10 +206,11 @@ TEST(TorchEngineTest, ProvisionalResultsChangeNoFinalOne) {
 }
 
 TEST(TorchTrackerModelTest, KnowsTheBytesOfAFrameBeforehandAndFreesThemOneByOne) {
+  NullEngineMetrics metrics;
   for (const Precision precision : {Precision::kFloat32, Precision::kBFloat16}) {
     EngineOptions options = Exact({64, 64});
     options.precision = precision;
-    auto model = *MakeTorchTrackerModel({RandomModel(), "test", "00"}, options);
+    auto model = *MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, metrics);
     for (const ImageSize size : {ImageSize{32, 32}, ImageSize{96, 64}, ImageSize{224, 160}}) {
       const RgbImage image{size, std::vector<uint8_t>(size_t{3} * size.width * size.height)};
       const RgbImage* images[] = {&image, &image, &image};
@@ -233,7 +234,8 @@ TEST(TorchTrackerModelTest, TracksAtTheSmallestSize) {
 TEST(TorchTrackerModelTest, RefusesADeviceThatIsNotThere) {
   EngineOptions options = Exact({64, 64});
   options.device = "abacus";
-  EXPECT_THAT(MakeTorchTrackerModel({RandomModel(), "test", "00"}, options),
+  NullEngineMetrics metrics;
+  EXPECT_THAT(MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, metrics),
               StatusIs(absl::StatusCode::kInvalidArgument));
 }
 

@@ -3,10 +3,14 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <spdlog/sinks/ostream_sink.h>
 
+#include <memory>
+#include <sstream>
 #include <thread>
 #include <vector>
 
+#include "server/logging.h"
 #include "server/process_stats.h"
 
 namespace holdfast {
@@ -14,8 +18,10 @@ namespace {
 
 using ::testing::HasSubstr;
 
+std::shared_ptr<spdlog::logger> Silent() { return MakeLogger(LogFormat::kText, "off"); }
+
 TEST(PrometheusMetricsTest, EveryFamilyIsThereFromTheStart) {
-  PrometheusMetrics metrics;
+  PrometheusMetrics metrics(Silent());
   metrics.ModelLoaded({});
   const std::string text = metrics.Text();
   for (const char* family :
@@ -33,7 +39,7 @@ TEST(PrometheusMetricsTest, EveryFamilyIsThereFromTheStart) {
 }
 
 TEST(PrometheusMetricsTest, EveryEventIsCounted) {
-  PrometheusMetrics metrics;
+  PrometheusMetrics metrics(Silent());
   metrics.SessionOpened();
   metrics.SessionOpened();
   metrics.SessionClosed(SessionOutcome::kFailed);
@@ -48,6 +54,7 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
   metrics.SessionLag(3);
   metrics.BatchRefined(64, 4);
   metrics.CacheBytes(1000);
+  metrics.PrecisionFellBack({320, 608}, "features differ by 1.2");
   const std::string text = metrics.Text();
   for (const char* line :
        {"holdfast_sessions_active 1\n", "holdfast_sessions_total{outcome=\"failed\"} 1\n",
@@ -56,13 +63,25 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
         "holdfast_frames_total{result=\"rejected\"} 1\n", "holdfast_stage_seconds_sum{stage=\"refine\"} 0.25\n",
         "holdfast_stage_seconds_bucket{stage=\"refine\",le=\"0.1\"} 0\n", "holdfast_frame_latency_seconds_sum 1\n",
         "holdfast_final_latency_seconds_sum 2\n", "holdfast_session_lag_frames_sum 3\n", "holdfast_batch_rows_sum 64\n",
-        "holdfast_refine_iterations_sum 4\n", "holdfast_cache_bytes 1000\n"}) {
+        "holdfast_refine_iterations_sum 4\n", "holdfast_cache_bytes 1000\n",
+        "holdfast_precision_fallbacks_total 1\n"}) {
     EXPECT_THAT(text, HasSubstr(line));
   }
 }
 
+TEST(PrometheusMetricsTest, AFallbackToFloat32IsLoggedForTheOperator) {
+  std::ostringstream lines;
+  const auto log = std::make_shared<spdlog::logger>("", std::make_shared<spdlog::sinks::ostream_sink_mt>(lines));
+  PrometheusMetrics metrics(log);
+  EXPECT_THAT(metrics.Text(), HasSubstr("holdfast_precision_fallbacks_total 0\n"));
+  metrics.PrecisionFellBack({320, 608}, "features differ by 1.2");
+  EXPECT_THAT(lines.str(), HasSubstr("warning"));
+  EXPECT_THAT(lines.str(), HasSubstr("320x608 are computed in float32"));
+  EXPECT_THAT(lines.str(), HasSubstr("features differ by 1.2"));
+}
+
 TEST(PrometheusMetricsTest, SaysWhatIsLoaded) {
-  PrometheusMetrics metrics;
+  PrometheusMetrics metrics(Silent());
   TrackerInfo info;
   info.model_name = "pips";
   info.precision = "float32";
@@ -71,7 +90,7 @@ TEST(PrometheusMetricsTest, SaysWhatIsLoaded) {
 }
 
 TEST(PrometheusMetricsTest, MayBeReadWhileEventsCome) {
-  PrometheusMetrics metrics;
+  PrometheusMetrics metrics(Silent());
   std::vector<std::thread> threads;
   for (int i = 0; i < 2; ++i) {
     threads.emplace_back([&] {

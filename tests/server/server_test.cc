@@ -109,13 +109,13 @@ TEST(ServerTest, APortInUseIsAnError) {
   ServerOptions options;
   options.listen = first.address();
   SimulatedClock clock;
-  PrometheusMetrics metrics;
+  PrometheusMetrics metrics(MakeLogger(LogFormat::kText, "off"));
   EXPECT_THAT(Server::Start(options, clock, metrics, MakeLogger(LogFormat::kText, "off")),
               StatusIs(absl::StatusCode::kUnavailable, HasSubstr("cannot listen on")));
 }
 
 TEST(ServerTest, ASessionMovesTheCounters) {
-  PrometheusMetrics metrics;
+  PrometheusMetrics metrics(MakeLogger(LogFormat::kText, "off"));
   FakeEngine engine(FakeEngine::Options(), &metrics);
   TestServer server(&engine);
   TrackCall call(server.NewChannel(), JpegConfig());

@@ -160,6 +160,7 @@ class RecordingMetrics final : public EngineMetrics {
     int64_t cache_bytes = 0, max_cache_bytes = 0;
     std::vector<absl::Duration> first, final;
     std::vector<int64_t> lags;
+    std::vector<ImageSize> fell_back;
   };
   Totals totals() const ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
@@ -211,6 +212,9 @@ class RecordingMetrics final : public EngineMetrics {
       t.cache_bytes = bytes;
       t.max_cache_bytes = std::max(t.max_cache_bytes, bytes);
     });
+  }
+  void PrecisionFellBack(ImageSize size, absl::string_view) override {
+    Update([=](Totals& t) { t.fell_back.push_back(size); });
   }
 
  private:

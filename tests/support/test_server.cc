@@ -13,7 +13,7 @@ namespace holdfast {
 
 TestServer::TestServer(Engine* engine) : TestServer(engine, ServerOptions()) {}
 
-TestServer::TestServer(Engine* engine, ServerOptions options) {
+TestServer::TestServer(Engine* engine, ServerOptions options) : metrics_(MakeLogger(LogFormat::kText, "error")) {
   options.listen = "127.0.0.1:0";
   auto started = Server::Start(options, clock_, metrics_, MakeLogger(LogFormat::kText, "error"));
   if (!started.ok()) {
