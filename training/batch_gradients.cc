@@ -30,7 +30,7 @@ BatchGradients::BatchGradients(const Recipe& recipe, uint64_t seed, torch::Devic
       seed_(seed),
       device_(device),
       parts_(parts),
-      working_(parts.model, recipe.bfloat16 ? torch::kBFloat16 : torch::kFloat32) {}
+      working_(parts.model, parts.dtype) {}
 
 absl::Status BatchGradients::OpenLoader(int64_t batch, double progress) {
   const Phase* phase = &recipe_.PhaseAt(progress);

@@ -20,7 +20,8 @@ namespace holdfast {
 class BatchGradients {
  public:
   struct Parts {
-    PointModel model = nullptr;  // float32; gets the gradients
+    PointModel model = nullptr;                 // float32; gets the gradients
+    torch::ScalarType dtype = torch::kFloat32;  // that clips are run in
     ClipSource* clips = nullptr;
     const ProcessGroup* group = nullptr;
     const Clock* clock = nullptr;

@@ -27,7 +27,8 @@ ABSL_FLAG(std::optional<double>, warm_up, std::nullopt, "share of the training i
 ABSL_FLAG(std::optional<double>, weight_decay, std::nullopt, "of AdamW");
 ABSL_FLAG(std::optional<double>, clip_norm, std::nullopt, "largest norm of the gradient");
 ABSL_FLAG(std::optional<double>, ema, std::nullopt, "decay of the averaged weights; 0: without");
-ABSL_FLAG(std::optional<bool>, bf16, std::nullopt, "run the network in bfloat16");
+ABSL_FLAG(std::optional<bool>, bf16, std::nullopt,
+          "run the network in bfloat16; not given: as the preset says, where this machine computes it fast and right");
 ABSL_FLAG(std::string, loss, "", "paper, or published: as the published code measures distance");
 ABSL_FLAG(std::optional<double>, gamma, std::nullopt, "weight of an iteration relative to the next");
 ABSL_FLAG(std::optional<double>, alpha, std::nullopt, "weight of the objectness loss; 0: without");
@@ -158,6 +159,7 @@ void RunFromFlags(TrainRequest& request) {
   request.log_every = absl::GetFlag(FLAGS_log_every);
   request.workers = absl::GetFlag(FLAGS_workers);
   request.threads = absl::GetFlag(FLAGS_threads);
+  request.choose_precision = !absl::GetFlag(FLAGS_bf16).has_value();
 }
 
 absl::Status CheckRun(const TrainRequest& request) {

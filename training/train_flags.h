@@ -23,7 +23,8 @@ struct TrainRequest {
   std::string metrics_address;  // host:port; empty: none
   int64_t log_every = 20;       // steps between plain lines
   int workers = 1;
-  int threads = 0;  // 0: all cores
+  int threads = 0;               // 0: all cores
+  bool choose_precision = true;  // the recipe's bfloat16 only where it is fast and right
 };
 
 // From the values the flags have now. INVALID_ARGUMENT names the flag.

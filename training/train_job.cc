@@ -18,6 +18,7 @@
 #include "training/clip_targets.h"
 #include "training/console.h"
 #include "training/log_files.h"
+#include "training/precision_choice.h"
 #include "training/training_metrics_port.h"
 #include "training/warm_start.h"
 
@@ -92,6 +93,17 @@ absl::StatusOr<std::optional<Validation>> OpenValidation(const TrainRequest& req
   return *std::move(validation);
 }
 
+// What is trained may be finished on another machine: the recipe stays as it is.
+TrainerOptions FitToMachine(const TrainRequest& request, const PointModel& model, TrainingObserver& observer) {
+  TrainerOptions options = request.trainer;
+  if (!options.recipe.bfloat16 || !request.choose_precision) return options;
+  const std::optional<std::string> why = WhyNotBfloat16(model, options.recipe.phases);
+  if (!why) return options;
+  options.bfloat16_unfit = true;
+  observer.Notice(absl::StrCat("training in float32: ", *why));
+  return options;
+}
+
 std::string Describe(const TrainRequest& request, const PointModelImpl& model, const ProcessGroup& group) {
   return absl::StrCat("network ", PresetName(request.network), ", ", model.ParameterCount(), " parameters; ",
                       group.world(), group.world() == 1 ? " process; " : " processes; ",
@@ -117,7 +129,7 @@ absl::Status RunTraining(const TrainRequest& request, const GroupOptions& option
                       {request.trainer.recipe.batch_size, request.workers, (*group)->rank(), (*group)->world()});
   TrainerParts parts = {*model, &clips, nullptr, group->get(), observers->get(), &clock, &stop};
   if (validation->has_value()) parts.validation = &**validation;
-  auto trainer = Trainer::Create(request.trainer, parts);
+  auto trainer = Trainer::Create(FitToMachine(request, *model, **observers), parts);
   if (!trainer.ok()) return trainer.status();
   const absl::StatusOr<TrainingSummary> summary = (*trainer)->Run();
   if (!summary.ok()) return summary.status();

@@ -38,12 +38,17 @@ torch::optim::AdamWOptions OptimizerOptions(const Recipe& recipe) {
   return torch::optim::AdamWOptions(recipe.schedule.peak_rate).weight_decay(recipe.weight_decay);
 }
 
+torch::ScalarType NetworkType(const TrainerOptions& options) {
+  return options.recipe.bfloat16 && !options.bfloat16_unfit ? torch::kBFloat16 : torch::kFloat32;
+}
+
 class TrainerImpl : public Trainer {
  public:
   TrainerImpl(const TrainerOptions& options, const TrainerParts& parts)
       : options_(options),
         parts_(parts),
-        gradients_(options_.recipe, options.seed, options.device, {parts.model, parts.clips, parts.group, parts.clock}),
+        gradients_(options_.recipe, options.seed, options.device,
+                   {parts.model, NetworkType(options), parts.clips, parts.group, parts.clock}),
         average_(*parts.model, options.recipe.average_decay),
         optimizer_(parts.model->parameters(), OptimizerOptions(options.recipe)) {
     state_.seed = options.seed;
@@ -215,6 +220,7 @@ void TrainerImpl::Finish(StepReport& report, const std::vector<double>& extra) {
   report.elapsed = Elapsed();
   report.skipped_steps = state_.skipped_steps;
   report.skipped_samples = gradients_.skipped_samples();
+  report.bfloat16 = NetworkType(options_) == torch::kBFloat16;
   if (leads()) parts_.observer->StepDone(report);
 }
 

@@ -31,6 +31,9 @@ struct TrainerOptions {
   int64_t checkpoint_every = 500;                         // steps; 0: at the end only
   int64_t max_skipped_in_row = 25;
   torch::Device device = torch::kCPU;
+  // The network runs in float32 though the recipe says bfloat16, because this machine computes that wrongly or slowly.
+  // No part of the recipe: a training may go on on another machine.
+  bool bfloat16_unfit = false;
 
   absl::Status Validate() const;
 };

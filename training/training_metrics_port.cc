@@ -30,6 +30,7 @@ class PrometheusTraining : public TrainingMetrics {
         rate_(Level("holdfast_training_learning_rate", "Learning rate of the last step.")),
         norm_(Level("holdfast_training_gradient_norm", "Norm of the last gradient before clipping.")),
         samples_(Level("holdfast_training_skipped_samples", "Damaged samples skipped in this run.")),
+        bfloat16_(Level("holdfast_training_bfloat16", "1 while the network runs in bfloat16, 0 in float32.")),
         loss_(prometheus::BuildGauge().Name("holdfast_training_loss").Help("Last step's loss.").Register(*registry_)),
         validation_(prometheus::BuildGauge()
                         .Name("holdfast_training_validation")
@@ -50,6 +51,7 @@ class PrometheusTraining : public TrainingMetrics {
     rate_.Set(report.learning_rate);
     norm_.Set(report.gradient_norm);
     samples_.Set(static_cast<double>(report.skipped_samples));
+    bfloat16_.Set(report.bfloat16 ? 1 : 0);
     SetLoss("total", report.loss.total);
     SetLoss("distance", report.loss.distance);
     SetLoss("objectness", report.loss.objectness);
@@ -90,6 +92,7 @@ class PrometheusTraining : public TrainingMetrics {
   prometheus::Gauge& rate_;
   prometheus::Gauge& norm_;
   prometheus::Gauge& samples_;
+  prometheus::Gauge& bfloat16_;
   prometheus::Family<prometheus::Gauge>& loss_;
   prometheus::Family<prometheus::Gauge>& validation_;
   prometheus::Exposer exposer_;

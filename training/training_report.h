@@ -41,6 +41,7 @@ struct StepReport {
   double learning_rate = 0;
   double gradient_norm = 0;     // before clipping
   bool skipped = false;         // the gradient was not finite: the weights are as before
+  bool bfloat16 = false;        // the network ran in bfloat16
   int64_t clips = 0;            // in this step, all processes
   int64_t skipped_steps = 0;    // so far
   int64_t skipped_samples = 0;  // damaged ones so far, this process and run
