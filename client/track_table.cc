@@ -28,7 +28,7 @@ absl::Status TrackTable::ApplyRun(const PointRun& run) {
   const auto found = index_.find(run.id);
   if (found == index_.end())
     return absl::InternalError(absl::StrCat("the tracker answered for point ", run.id, ", which was never sent"));
-  PointTrack& track = tracks_[found->second];
+  TableTrack& track = tracks_[found->second];
   const int64_t length = static_cast<int64_t>(run.x.size());
   const int64_t first = run.first_frame - track.start.frame;
   if (first < 0 || run.first_frame > frames_ - length) {
@@ -51,11 +51,11 @@ absl::Status TrackTable::ApplyRun(const PointRun& run) {
 
 int64_t TrackTable::final_frames() const {
   int64_t frames = frames_;
-  for (const PointTrack& track : tracks_) frames = std::min(frames, track.start.frame + track.final_frames);
+  for (const TableTrack& track : tracks_) frames = std::min(frames, track.start.frame + track.final_frames);
   return frames;
 }
 
-const TrackSample* TrackTable::FinalSample(const PointTrack& track, int64_t frame) {
+const TrackSample* TrackTable::FinalSample(const TableTrack& track, int64_t frame) {
   const int64_t i = frame - track.start.frame;
   if (i < 0 || i >= static_cast<int64_t>(track.samples.size()) || !track.samples[i].is_final()) return nullptr;
   return &track.samples[i];

@@ -24,7 +24,7 @@ struct TrackSample {
 };
 
 // One point's life: samples[i] belongs to frame start.frame + i.
-struct PointTrack {
+struct TableTrack {
   StartPoint start;
   std::vector<TrackSample> samples;
   int64_t final_frames = 0;  // the first so many samples are final
@@ -39,17 +39,17 @@ class TrackTable {
   // INTERNAL when the update speaks of points or frames that the session does not have.
   absl::Status Apply(const TrackUpdate& update);
 
-  const std::vector<PointTrack>& tracks() const { return tracks_; }
+  const std::vector<TableTrack>& tracks() const { return tracks_; }
   int64_t frames() const { return frames_; }  // frames the tracker has accepted so far
   // No estimate of frames 0 .. final_frames() - 1 will change or be added any more.
   int64_t final_frames() const;
   // Null where the point has no final estimate.
-  static const TrackSample* FinalSample(const PointTrack& track, int64_t frame);
+  static const TrackSample* FinalSample(const TableTrack& track, int64_t frame);
 
  private:
   absl::Status ApplyRun(const PointRun& run);
 
-  std::vector<PointTrack> tracks_;
+  std::vector<TableTrack> tracks_;
   absl::flat_hash_map<PointId, size_t> index_;
   int64_t frames_ = 0;
 };

@@ -22,7 +22,7 @@ using nlohmann::json;
 // A thousandth of a pixel is far below what tracking can tell.
 double Rounded(float value) { return std::round(static_cast<double>(value) * 1000) / 1000; }
 
-json PointToJson(const PointTrack& track) {
+json PointToJson(const TableTrack& track) {
   json frames = json::array(), xy = json::array(), visible = json::array(), confidence = json::array();
   for (size_t i = 0; i < track.samples.size(); ++i) {
     const TrackSample& sample = track.samples[i];
@@ -41,7 +41,7 @@ void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& vid
   out << absl::StrFormat("{\"width\": %d, \"height\": %d, \"fps\": %g, \"frames\": %d, \"points\": [", video.size.width,
                          video.size.height, video.fps, table.frames());
   const char* separator = "\n";
-  for (const PointTrack& track : table.tracks()) {
+  for (const TableTrack& track : table.tracks()) {
     out << separator << PointToJson(track).dump(-1, ' ', false, json::error_handler_t::replace);
     separator = ",\n";
   }
@@ -50,7 +50,7 @@ void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& vid
 
 void WriteCsv(std::ostream& out, const TrackTable& table) {
   out << "id,frame,x,y,visible,confidence\n";
-  for (const PointTrack& track : table.tracks()) {
+  for (const TableTrack& track : table.tracks()) {
     for (size_t i = 0; i < track.samples.size(); ++i) {
       const TrackSample& s = track.samples[i];
       if (!s.is_final()) continue;
@@ -82,7 +82,7 @@ class Arrays {
   }
 
  private:
-  void Fill(const PointTrack& track, int64_t row) {
+  void Fill(const TableTrack& track, int64_t row) {
     ids_.push_back(static_cast<int64_t>(track.start.query.id));
     for (size_t i = 0; i < track.samples.size(); ++i) {
       const TrackSample& sample = track.samples[i];

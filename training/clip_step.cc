@@ -30,7 +30,7 @@ ClipStepResult AddClipGradient(PointModelImpl& network, const ClipTensors& clip,
                                Rng& rng, const Clock& clock) {
   const int64_t stride = network.options().stride;
   const int64_t larger_side = std::max(clip.frames.size(1), clip.frames.size(2));
-  const WindowPlan plan = PlanWindow(clip.targets, larger_side, options.window, rng);
+  const ClipWindowPlan plan = PlanWindow(clip.targets, larger_side, options.window, rng);
   const ClipTargets targets =
       plan.distinct_frames == clip.frames.size(0) ? clip.targets : RepeatTail(clip.targets, plan.distinct_frames);
   const absl::Time begin = clock.Now();

@@ -14,7 +14,7 @@ namespace holdfast {
 
 struct ClipStepOptions {
   LossOptions loss;
-  WindowOptions window;
+  ClipWindowOptions window;
   int64_t iterations = 6;
 };
 

@@ -18,19 +18,19 @@ sigset_t StopSignals() {
 
 }  // namespace
 
-StopSignal::StopSignal() {
+SignalFlag::SignalFlag() {
   const sigset_t signals = StopSignals();
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   thread_ = std::thread([this] { Watch(); });
 }
 
-StopSignal::~StopSignal() {
+SignalFlag::~SignalFlag() {
   closing_ = true;
   pthread_kill(thread_.native_handle(), SIGTERM);  // wakes it
   thread_.join();
 }
 
-void StopSignal::Watch() {
+void SignalFlag::Watch() {
   const sigset_t signals = StopSignals();
   int signal = 0;
   while (sigwait(&signals, &signal) == 0 && !closing_) {

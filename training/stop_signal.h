@@ -8,10 +8,10 @@ namespace holdfast {
 
 // SIGTERM and SIGINT as a flag: the first sets it, a second ends the process at once. Make it before any other thread,
 // which then inherits the blocked signals; one object per process.
-class StopSignal {
+class SignalFlag {
  public:
-  StopSignal();
-  ~StopSignal();
+  SignalFlag();
+  ~SignalFlag();
   const std::atomic<bool>& requested() const { return requested_; }
 
  private:

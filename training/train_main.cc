@@ -49,7 +49,7 @@ int Fail(const absl::Status& status, int exit_status) {
 int Main(const std::vector<std::string>& args) {
   if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
   KeepFreedMemory();
-  const StopSignal stop;
+  const SignalFlag stop;
   const absl::StatusOr<TrainRequest> request = ReadRequest(args);
   if (!request.ok()) return Fail(request.status(), kUsageError);
   const absl::StatusOr<GroupOptions> group = GroupOptionsFromEnvironment(std::getenv);

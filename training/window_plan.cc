@@ -64,13 +64,13 @@ ClipTargets RepeatTail(const ClipTargets& targets, int64_t distinct) {
   return out;
 }
 
-WindowPlan PlanWindow(const ClipTargets& targets, int64_t larger_side, const WindowOptions& options, Rng& rng) {
+ClipWindowPlan PlanWindow(const ClipTargets& targets, int64_t larger_side, const ClipWindowOptions& options, Rng& rng) {
   const int64_t frames = targets.tracks.size(1);
   if (!rng.Chance(options.streaming_windows)) {
     const bool noisy = rng.Chance(options.noisy_start);
     return {noisy ? NoisyStart(targets, larger_side, rng) : ZeroVelocity(targets.tracks), frames};
   }
-  WindowPlan plan;
+  ClipWindowPlan plan;
   const bool early = rng.Chance(0.5);  // fewer frames have come than a window holds
   plan.distinct_frames = early ? rng.Integer(2, frames) : frames;
   const bool continued = !early || rng.Chance(0.5);

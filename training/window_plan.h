@@ -9,19 +9,19 @@
 
 namespace holdfast {
 
-struct WindowOptions {
+struct ClipWindowOptions {
   double noisy_start = 0.5;      // probability of a start between noise and truth
   double streaming_windows = 0;  // probability of a window as the engine has them
 };
 
-struct WindowPlan {
+struct ClipWindowPlan {
   torch::Tensor start;          // [N, S, 2] float32 image pixels; frame 0 is the query, exactly
   int64_t distinct_frames = 0;  // from here on the window repeats frame distinct_frames - 1; S: it does not
 };
 
 // Draws a plan for a clip: zero velocity, noise mixed with the truth, or, as in serving, a tail that repeats the newest
 // frame and a start that continues an earlier window's result. REQUIRES: S >= 2.
-WindowPlan PlanWindow(const ClipTargets& targets, int64_t larger_side, const WindowOptions& options, Rng& rng);
+ClipWindowPlan PlanWindow(const ClipTargets& targets, int64_t larger_side, const ClipWindowOptions& options, Rng& rng);
 
 // The query repeated.
 torch::Tensor ZeroVelocity(const torch::Tensor& tracks);

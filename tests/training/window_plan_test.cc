@@ -22,7 +22,7 @@ torch::Tensor Queries(const torch::Tensor& start) { return start.select(1, 0); }
 TEST(WindowPlanTest, StartsWithZeroVelocityWhenNoNoiseIsAskedFor) {
   const ClipTargets targets = Moving(3, 6);
   Rng rng(1);
-  const WindowPlan plan = PlanWindow(targets, 64, {0, 0}, rng);
+  const ClipWindowPlan plan = PlanWindow(targets, 64, {0, 0}, rng);
   EXPECT_EQ(plan.distinct_frames, 6);
   EXPECT_TRUE(torch::equal(plan.start, targets.tracks.narrow(1, 0, 1).expand({3, 6, 2})));
 }
@@ -31,7 +31,7 @@ TEST(WindowPlanTest, EveryStartBeginsExactlyAtTheQuery) {
   const ClipTargets targets = Moving(3, 6);
   Rng rng(2);
   for (int i = 0; i < 50; ++i) {
-    const WindowPlan plan = PlanWindow(targets, 64, {0.5, 0.5}, rng);
+    const ClipWindowPlan plan = PlanWindow(targets, 64, {0.5, 0.5}, rng);
     EXPECT_TRUE(torch::equal(Queries(plan.start), Queries(targets.tracks)));
     EXPECT_TRUE(torch::isfinite(plan.start).all().item<bool>());
     EXPECT_GE(plan.distinct_frames, 2);
