@@ -11,7 +11,7 @@ install -s -m 755 -t "$root/usr/bin" "$@"
 echo /usr/lib/holdfast > "$root/etc/ld.so.conf.d/holdfast.conf"
 
 libraries=$(ldd "$@" | awk '$2 == "=>" && $3 ~ /^\// {print $3}' | sort -u)
-packages=""
+packages=()
 for library in $libraries; do
   real=$(readlink -f "$library")
   owner=$(dpkg-query -S "$real" 2>/dev/null || dpkg-query -S "${real#/usr}")
@@ -19,10 +19,10 @@ for library in $libraries; do
   # The base image has these already, and a second libc beside the loader's would break it.
   [ "$owner" = libc6 ] && continue
   cp -L "$library" "$root/usr/lib/holdfast/$(basename "$library")"
-  packages="$packages $owner"
+  packages+=("$owner")
 done
 
-for package in $(printf '%s\n' $packages | sort -u); do
+for package in $(printf '%s\n' "${packages[@]}" | sort -u); do
   dpkg-query -s "$package" > "$root/var/lib/dpkg/status.d/$package"
   if [ -e "/usr/share/doc/$package/copyright" ]; then
     install -D -m 644 "$(readlink -f "/usr/share/doc/$package/copyright")" "$root/usr/share/doc/$package/copyright"

@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes tiny.pth: a checkpoint of the published layout with a custom, tiny network (PyTorch 1.13, Debian's python3-torch).
+"""Writes tiny.pth: a checkpoint of the published layout with a custom, tiny network.
+
+It takes PyTorch 1.13, Debian's python3-torch.
 
 Names carry the prefix of DataParallel; beside the parameters lie the states of an AdamW optimizer and of a one-cycle
 scheduler, as a training script saves them. Element i of parameter number p is ((7 p + i) mod 251) / 251 - 0.5.

@@ -4,7 +4,6 @@
 Usage: python_client_test.py HOLDFAST_SERVER PROTOC
 """
 import math
-import pathlib
 import subprocess
 import sys
 import tempfile

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Trains and evaluates the grid behind the paper's two ablation tables, every variant under one budget and several seeds.
+"""Trains and evaluates the grid behind the paper's two ablation tables: one budget a variant, several seeds.
 
   training/tools/ablation.py --bin build/release/bin --out out/ablation --time_budget 30m --seeds 1,2,3
 
-Table 5: objectness loss x contextual attention. Table 6: weight alpha of the objectness loss. Variants that stand in both
-are trained once. Each run has a directory of its own, <out>/<variant>/seed<k>: stop the script at any time and start it
-again, and it goes on where it was (finished runs are kept, a run in the middle resumes from its checkpoint). The tables,
-<out>/ablation.md and <out>/ablation.json, are written anew after every run, from the runs there are.
+Table 5: objectness loss x contextual attention. Table 6: weight alpha of the objectness loss. Variants that stand in
+both are trained once. Each run has a directory of its own, <out>/<variant>/seed<k>: stop the script at any time and
+start it again, and it goes on where it was (finished runs are kept, a run in the middle resumes from its checkpoint).
+The tables, <out>/ablation.md and <out>/ablation.json, are written anew after every run, from the runs there are.
 
 Flags after "--" go to holdfast-train unchanged, e.g. -- --pictures=DIR.
 """
@@ -178,9 +178,9 @@ def cell(entry):
 def to_markdown(args, tables):
     budget = f"{args.steps} steps" if args.steps else args.time_budget
     lines = [
-        f"Preset `{args.preset}`, {budget} a run, seeds {', '.join(map(str, args.seeds))}; evaluated on {args.format} data,"
-        f" processed at {args.processing_size}. Mean ± deviation over the seeds. In brackets: the paper, on PointOdyssey,"
-        " processed at 896x512."
+        f"Preset `{args.preset}`, {budget} a run, seeds {', '.join(map(str, args.seeds))}; evaluated on {args.format}"
+        f" data, processed at {args.processing_size}. Mean ± deviation over the seeds. In brackets: the paper, on"
+        " PointOdyssey, processed at 896x512."
     ]
     for table in tables.values():
         lines += ["", f"## {table['title']}", "", "| | " + " | ".join(header for _, header in METRICS) + " | runs |"]
@@ -211,7 +211,8 @@ def parse(argv):
     parser.add_argument("--out", type=Path, default=Path("out/ablation"), help="directory of the runs and tables")
     parser.add_argument("--preset", default="small")
     budget = parser.add_mutually_exclusive_group()
-    budget.add_argument("--time_budget", default="30m", help="of each run; attention costs time, so it makes fewer steps")
+    budget.add_argument("--time_budget", default="30m",
+                        help="of each run; attention costs time, so it makes fewer steps")
     budget.add_argument("--steps", type=int, default=0, help="of each run, in place of a time")
     parser.add_argument("--seeds", type=lambda text: [int(seed) for seed in text.split(",")], default=[1, 2, 3])
     parser.add_argument("--format", default="synthetic", help="of the evaluation data, as holdfast-eval names it")
