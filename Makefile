@@ -27,11 +27,16 @@ deps: ## install the Debian packages of deploy/packages/build.txt that are missi
 configure: deps
 	@cmake --preset $(PRESET) > /dev/null
 
-build: configure ## build everything (PRESET=release|asan|tsan|clang)
+build: configure ## build everything (PRESET=release|asan|asan-core|tsan|clang)
 	cmake --build $(BUILD) -j $(JOBS)
 
-test: build ## build and run every test
+test: build ## build and run every test; those of model and engine once more under AddressSanitizer
 	ctest --preset $(PRESET)
+ifeq ($(PRESET),release)
+	cmake --preset asan-core > /dev/null
+	cmake --build --preset asan-core -j $(JOBS)
+	ctest --preset asan-core
+endif
 
 demo: configure ## track a real video through the server; the result lies in out/demo
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast_server holdfast_client
