@@ -12,7 +12,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps configure build test demo bench train-small format format-check lint clean
+.PHONY: help deps configure build test demo bench train-small format lint sanitize clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -54,12 +54,11 @@ train-small: configure ## train preset small for TIME=30m on synthetic scenes (P
 format: deps ## format the C++ sources in place
 	$(CC_FILES) | xargs clang-format -i
 
-format-check: deps
-	$(CC_FILES) | xargs clang-format --dry-run -Werror
+lint: ## check format, clang's thread-safety analysis and clang-tidy over the whole tree
+	JOBS=$(JOBS) .ci/lint
 
-lint: format-check ## check format, clang's thread-safety analysis and clang-tidy
-	$(MAKE) build PRESET=clang
-	git ls-files '*.cc' ':!tests' | xargs -P $(JOBS) -n 8 clang-tidy -p build/clang --quiet
+sanitize: ## run every test under AddressSanitizer with UndefinedBehaviorSanitizer, then under ThreadSanitizer
+	JOBS=$(JOBS) .ci/sanitize
 
 clean: ## remove build and out
 	rm -rf build out
