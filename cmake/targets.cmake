@@ -50,6 +50,27 @@ function(holdfast_program name)
   install(TARGETS ${name} RUNTIME COMPONENT ${name})
 endfunction()
 
+# holdfast_isa_test(module/x_test ISA set THREADS n [FILTER gtest filter]) runs a test program once more with at most one
+# instruction set of oneDNN and n threads of OpenMP, as <module>/x_test_<set>_<n>. Not under sanitizers, which do not see
+# into oneDNN.
+function(holdfast_isa_test name)
+  cmake_parse_arguments(A "" "ISA;THREADS;FILTER" "" ${ARGN})
+  if(HOLDFAST_SANITIZE)
+    return()
+  endif()
+  string(REPLACE "/" "_" target ${name})
+  string(TOLOWER "${name}_${A_ISA}_${A_THREADS}" variant)
+  add_test(NAME ${variant} COMMAND ${target})
+  set(environment OMP_NUM_THREADS=${A_THREADS})
+  if(NOT A_ISA STREQUAL "ALL")
+    list(APPEND environment DNNL_MAX_CPU_ISA=${A_ISA})
+  endif()
+  if(A_FILTER)
+    list(APPEND environment "GTEST_FILTER=${A_FILTER}")
+  endif()
+  set_tests_properties(${variant} PROPERTIES LABELS isa TIMEOUT 300 ENVIRONMENT "${environment}")
+endfunction()
+
 # holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...]); ctest shows the name as given.
 function(holdfast_test name)
   cmake_parse_arguments(A "" "PCH;TIMEOUT" "SOURCES;DEPS;LABELS" ${ARGN})

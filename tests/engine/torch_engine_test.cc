@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <utility>
@@ -229,6 +230,22 @@ TEST(TorchTrackerModelTest, TracksAtTheSmallestSize) {
   RecordingObserver observer;
   Track(*engine, config, frames, observer);
   EXPECT_THAT(observer.Final(1), SizeIs(30));
+}
+
+// oneDNN chooses its instructions once a process: the question is asked in a process of its own, which must not return.
+[[noreturn]] void ExitWithFloat32Chosen(const char* instruction_set) {
+  setenv("ONEDNN_MAX_CPU_ISA", instruction_set, 1);
+  EngineOptions options = Exact({64, 64});
+  options.precision = Precision::kAuto;
+  NullEngineMetrics metrics;
+  const auto model = MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, metrics);
+  std::_Exit(model.ok() && (*model)->info().precision == "float32" ? 10 : 11);
+}
+
+TEST(TorchTrackerModelDeathTest, ChoosesFloat32WhereOneDnnMayNotUseTheProcessorsBFloat16) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(ExitWithFloat32Chosen("AVX512_CORE"), testing::ExitedWithCode(10), "");
+  EXPECT_EXIT(ExitWithFloat32Chosen("AVX2"), testing::ExitedWithCode(10), "");
 }
 
 TEST(TorchTrackerModelTest, RefusesADeviceThatIsNotThere) {
