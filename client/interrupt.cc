@@ -10,28 +10,24 @@
 #include <utility>
 
 namespace holdfast {
-namespace {
 
-constexpr int kSecondInterruptCode = 130;  // as shells report death by SIGINT
-
-}  // namespace
-
-void StopSignal::Stop() {
+bool StopSignal::Stop(int signal) {
   absl::MutexLock lock(&mutex_);
-  if (stopped_) return;
-  stopped_ = true;
+  if (signal_ != 0) return false;
+  signal_ = signal;
   if (on_stop_) on_stop_();
+  return static_cast<bool>(on_stop_);
 }
 
-bool StopSignal::stopped() const {
+int StopSignal::signal() const {
   absl::MutexLock lock(&mutex_);
-  return stopped_;
+  return signal_;
 }
 
 void StopSignal::SetCallback(std::function<void()> on_stop) {
   absl::MutexLock lock(&mutex_);
   on_stop_ = std::move(on_stop);
-  if (stopped_ && on_stop_) on_stop_();
+  if (signal_ != 0 && on_stop_) on_stop_();
 }
 
 InterruptWatcher::InterruptWatcher(StopSignal& stop) : stop_(stop) {
@@ -59,8 +55,8 @@ void InterruptWatcher::Watch() {
   while (poll(events, 2, -1) >= 0 && (events[1].revents & POLLIN) == 0) {
     signalfd_siginfo info;
     if (read(signals_, &info, sizeof(info)) != sizeof(info)) continue;
-    if (stop_.stopped()) _exit(kSecondInterruptCode);
-    stop_.Stop();
+    const int signal = static_cast<int>(info.ssi_signo);
+    if (!stop_.Stop(signal)) _exit(SignalExitCode(signal));
   }
 }
 

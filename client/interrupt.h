@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <csignal>
 #include <functional>
 #include <thread>
 
@@ -12,20 +13,26 @@ namespace holdfast {
 // "Stop soon." Thread-safe; set once.
 class StopSignal {
  public:
-  void Stop();
-  bool stopped() const;
+  // 'signal': the one that asks for it. Returns whether a callback took it; false where it was stopped before, too.
+  bool Stop(int signal = SIGINT);
+  bool stopped() const { return signal() != 0; }
+  int signal() const;  // 0 until it is stopped
   // 'on_stop' runs once, on the thread that stops, or right here when it is stopped already. An empty function takes
   // the earlier one away and blocks while that runs.
   void SetCallback(std::function<void()> on_stop);
 
  private:
   mutable absl::Mutex mutex_;
-  bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  int signal_ ABSL_GUARDED_BY(mutex_) = 0;
   std::function<void()> on_stop_ ABSL_GUARDED_BY(mutex_);
 };
 
-// Turns SIGINT and SIGTERM of this process into a StopSignal; a second one ends the process at once. Construct it
-// before any thread is started: these inherit that the signals are blocked.
+// The code of a program that a signal has ended, as shells report it: 130 for SIGINT, 143 for SIGTERM.
+constexpr int SignalExitCode(int signal) { return 128 + signal; }
+
+// Turns SIGINT and SIGTERM of this process into a StopSignal. One that nobody listens to ends the process at once with
+// SignalExitCode, and so does the second one. Construct it before any thread is started: these inherit that the signals
+// are blocked.
 class InterruptWatcher {
  public:
   // 'stop' must outlive the watcher.

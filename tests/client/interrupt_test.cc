@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <csignal>
+#include <cstdlib>
 
 #include "absl/synchronization/notification.h"
 
@@ -16,15 +17,18 @@ TEST(StopSignalTest, TheCallbackRunsOnceAndNotAfterItIsTakenAway) {
   int calls = 0;
   stop.SetCallback([&calls] { ++calls; });
   EXPECT_FALSE(stop.stopped());
-  stop.Stop();
-  stop.Stop();
+  EXPECT_EQ(stop.signal(), 0);
+  EXPECT_TRUE(stop.Stop(SIGTERM));
+  EXPECT_FALSE(stop.Stop()) << "it is stopped already";
   EXPECT_TRUE(stop.stopped());
+  EXPECT_EQ(stop.signal(), SIGTERM);
   EXPECT_EQ(calls, 1);
 
   StopSignal other;
   other.SetCallback([&calls] { ++calls; });
   other.SetCallback(nullptr);
-  other.Stop();
+  EXPECT_FALSE(other.Stop()) << "nobody listens";
+  EXPECT_TRUE(other.stopped());
   EXPECT_EQ(calls, 1);
 }
 
@@ -46,17 +50,37 @@ TEST(InterruptWatcherTest, AnInterruptStopsInsteadOfKilling) {
   EXPECT_TRUE(stop.stopped());
 }
 
+// Runs until a signal ends the process.
+[[noreturn]] void ReceiveTwice(int first, int second) {
+  StopSignal stop;
+  absl::Notification stopped;
+  stop.SetCallback([&stopped] { stopped.Notify(); });
+  const InterruptWatcher watcher(stop);
+  kill(getpid(), first);
+  stopped.WaitForNotification();
+  kill(getpid(), second);
+  absl::Notification().WaitForNotification();
+  std::abort();
+}
+
+[[noreturn]] void ReceiveWithoutListener(int signal) {
+  StopSignal stop;
+  const InterruptWatcher watcher(stop);
+  kill(getpid(), signal);
+  absl::Notification().WaitForNotification();
+  std::abort();
+}
+
 TEST(InterruptWatcherTest, ASecondInterruptEndsTheProcess) {
   ::testing::FLAGS_gtest_death_test_style = "threadsafe";
-  EXPECT_EXIT(
-      {
-        StopSignal stop;
-        stop.Stop();
-        const InterruptWatcher watcher(stop);
-        kill(getpid(), SIGINT);
-        absl::Notification().WaitForNotification();
-      },
-      ::testing::ExitedWithCode(130), "");
+  EXPECT_EXIT(ReceiveTwice(SIGINT, SIGINT), ::testing::ExitedWithCode(130), "");
+  EXPECT_EXIT(ReceiveTwice(SIGINT, SIGTERM), ::testing::ExitedWithCode(143), "");
+}
+
+TEST(InterruptWatcherTest, AnInterruptThatNobodyListensToEndsTheProcess) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(ReceiveWithoutListener(SIGINT), ::testing::ExitedWithCode(130), "");
+  EXPECT_EXIT(ReceiveWithoutListener(SIGTERM), ::testing::ExitedWithCode(143), "");
 }
 
 }  // namespace
