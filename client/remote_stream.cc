@@ -10,11 +10,11 @@
 
 namespace holdfast {
 
-absl::Status AboutServer(absl::string_view address, const absl::Status& status) {
+absl::Status AboutServer(absl::string_view address, const absl::Status& status, absl::string_view where) {
   if (status.ok()) return status;
   const bool unavailable = status.code() == absl::StatusCode::kUnavailable;
   absl::Status named(status.code(), absl::StrCat("holdfast: server at ", address,
-                                                 unavailable ? " is unavailable: " : ": ", status.message()));
+                                                 unavailable ? " is unavailable: " : ": ", status.message(), where));
   status.ForEachPayload([&named](absl::string_view url, const absl::Cord& cord) { named.SetPayload(url, cord); });
   return named;
 }
@@ -48,7 +48,9 @@ absl::Status RemoteStream::Start(const SessionConfig& config, absl::Duration ans
 absl::Status RemoteStream::PushFrame(Frame frame) {
   v1::TrackRequest request;
   *request.mutable_frame() = ToProto(std::move(frame));
-  return Write(request);
+  const absl::Status written = Write(request);
+  if (written.ok()) last_frame_ = request.frame().index();
+  return written;
 }
 
 absl::Status RemoteStream::AddPoints(std::vector<PointQuery> points) {
@@ -137,11 +139,17 @@ absl::Status RemoteStream::DeliverAccepted(const v1::SessionAccepted& message) {
 
 absl::Status RemoteStream::EndOfCall(const absl::Status& delivered) {
   const absl::Status status = FromGrpcStatus(call_->Finish());
-  if (!delivered.ok()) return AboutServer(address_, delivered);
+  if (!delivered.ok()) return AboutServer(address_, delivered, LastFrame());
   if (cancelled_ && absl::IsCancelled(status)) return absl::CancelledError("the session was cancelled");
-  if (status.ok() && !summary_)
-    return AboutServer(address_, absl::InternalError("ended the session without a summary"));
-  return AboutServer(address_, status);
+  if (status.ok() && !summary_) {
+    return AboutServer(address_, absl::InternalError("ended the session without a summary"), LastFrame());
+  }
+  return AboutServer(address_, status, LastFrame());
+}
+
+std::string RemoteStream::LastFrame() const {
+  const int64_t index = last_frame_;
+  return index < 0 ? "" : absl::StrCat(" (the last frame sent is ", index, ")");
 }
 
 }  // namespace holdfast

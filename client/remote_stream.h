@@ -4,6 +4,7 @@
 #include <grpcpp/grpcpp.h>
 
 #include <atomic>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -19,8 +20,8 @@
 
 namespace holdfast {
 
-// 'status' with the server's address in front of its text; details are kept.
-absl::Status AboutServer(absl::string_view address, const absl::Status& status);
+// 'status' with the server's address in front of its text and 'where' behind it; details are kept.
+absl::Status AboutServer(absl::string_view address, const absl::Status& status, absl::string_view where = "");
 
 // One Track call. The owner's thread writes; a thread of the stream reads and calls the observer.
 class RemoteStream final : public TrackStream {
@@ -44,6 +45,7 @@ class RemoteStream final : public TrackStream {
   absl::Status Deliver(const v1::TrackResponse& response);
   absl::Status DeliverAccepted(const v1::SessionAccepted& accepted);
   absl::Status EndOfCall(const absl::Status& delivered);
+  std::string LastFrame() const;  // for the reader of an error; empty before the first frame
 
   const std::string address_;
   TrackObserver& observer_;
@@ -51,6 +53,7 @@ class RemoteStream final : public TrackStream {
   const std::unique_ptr<v1::PointTracking::Stub> stub_;
   const std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> call_;
   std::atomic<bool> cancelled_{false};     // by the caller
+  std::atomic<int64_t> last_frame_{-1};    // index of the newest frame sent
   bool half_closed_ = false;               // of the writing thread
   std::optional<SessionSummary> summary_;  // of the reading thread
 

@@ -17,8 +17,9 @@ namespace holdfast {
 
 // PointTracker on a server, over gRPC. Thread-safe; streams keep the connection alive and may outlive the tracker.
 // Each stream has a thread that reads results, so that results flow while a write waits; a write waits while the
-// server has no room, which is how a slow server slows its client. Every error names the server's address; field
-// violations and overload details are kept (see proto/errors.h).
+// server has no room, which is how a slow server slows its client. Every error names the server's address, and the
+// last frame sent where there is one; field violations and overload details are kept (see proto/errors.h). Whatever the
+// server sent before a session was lost reaches the observer before OnDone.
 class RemoteTracker final : public PointTracker {
  public:
   struct Options {

@@ -219,8 +219,50 @@ TEST(RemoteTrackerTest, AServerThatDiesMakesTheStreamUnavailable) {
   for (int i = 1; status.ok(); ++i) status = (*stream)->PushFrame(FrameOf(i));
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
   EXPECT_THAT(std::string(status.message()), HasSubstr("server at " + service.address() + " is unavailable"));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("(the last frame sent is "));
   EXPECT_EQ((*stream)->Finish(), status);
   EXPECT_EQ(recorder.updates.size(), 1u);
+}
+
+TEST(RemoteTrackerTest, ResultsThatWaitWhenTheServerGivesUpAreDeliveredBeforeTheEnd) {
+  constexpr int kUpdates = 50;
+  absl::Notification over;
+  FakeService service([&over](grpc::ServerContext&, FakeService::Stream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Accepted());
+    stream.Read(&request);
+    for (int i = 0; i < kUpdates; ++i) stream.Write(Sample(1, 0, static_cast<float>(i), 0));
+    over.Notify();
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "shutting down");
+  });
+  // Takes the first result only when the server has sent the last one.
+  class Slow final : public TrackObserver {
+   public:
+    explicit Slow(absl::Notification& over) : over_(over) {}
+    void OnTracks(TrackUpdate update) override {
+      over_.WaitForNotification();
+      events.push_back(update.runs[0].x[0]);
+    }
+    void OnDone(const absl::Status&, const SessionSummary&) override { events.push_back(-1); }
+    std::vector<float> events;
+
+   private:
+    absl::Notification& over_;
+  };
+  auto tracker = ConnectTo(service.address());
+  ASSERT_TRUE(tracker.ok());
+  Slow observer(over);
+  auto stream = (*tracker)->Open({}, observer);
+  ASSERT_TRUE(stream.ok());
+  EXPECT_TRUE((*stream)->PushFrame(FrameOf(0)).ok());
+  const absl::Status status = (*stream)->Finish();
+  EXPECT_EQ(status.message(),
+            "holdfast: server at " + service.address() + " is unavailable: shutting down (the last frame sent is 0)");
+  std::vector<float> expected;
+  for (int i = 0; i < kUpdates; ++i) expected.push_back(static_cast<float>(i));
+  expected.push_back(-1);
+  EXPECT_EQ(observer.events, expected);
 }
 
 TEST(RemoteTrackerTest, AnAbsentServerIsNamedInTheError) {
