@@ -15,5 +15,8 @@ int main(int argc, char** argv) {
   holdfast::InterruptWatcher watcher(stop);
   const holdfast::Console console{std::cout, std::cerr, isatty(STDERR_FILENO) != 0,
                                   [](const char* name) { return std::getenv(name); }};
-  return holdfast::RunCommandLine({argv + 1, argv + argc}, console, stop);
+  const int code = holdfast::RunCommandLine({argv + 1, argv + argc}, console, stop);
+  std::cout.flush();
+  // A read of an input that stalls may still be going on, and what it uses must not be torn down under it.
+  std::_Exit(code);
 }
