@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/atomic_file.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
+#include <cerrno>
+#include <cstring>
 #include <filesystem>
 #include <system_error>
 
@@ -34,8 +37,15 @@ absl::Status CheckWritable(const std::string& path) {
   const fs::path directory = fs::path(path).parent_path();
   std::error_code ignored;
   if (fs::is_directory(path, ignored)) return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory"));
-  if (directory.empty() || fs::is_directory(directory, ignored)) return absl::OkStatus();
-  return absl::NotFoundError(absl::StrCat(path, ": there is no directory ", directory.string()));
+  if (!directory.empty() && !fs::is_directory(directory, ignored)) {
+    return absl::NotFoundError(absl::StrCat(path, ": there is no directory ", directory.string()));
+  }
+  const std::string temporary = TemporaryName(path);
+  const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+  if (file < 0) return absl::PermissionDeniedError(absl::StrCat(path, ": cannot be written: ", std::strerror(errno)));
+  close(file);
+  fs::remove(temporary, ignored);
+  return absl::OkStatus();
 }
 
 }  // namespace holdfast

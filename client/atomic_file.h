@@ -15,7 +15,7 @@ std::string TemporaryName(const std::string& path);
 // file that had the name before is untouched.
 absl::Status WriteAtomically(const std::string& path, const std::function<absl::Status(const std::string&)>& write);
 
-// OK where 'path' ends in a name and its directory exists.
+// OK where a file can be made beside 'path' and take its name; makes one and removes it.
 absl::Status CheckWritable(const std::string& path);
 
 }  // namespace holdfast
