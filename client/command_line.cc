@@ -47,6 +47,9 @@ Usage: holdfast track INPUT [flags]   follow points and write their tracks
 INPUT is a video file, a directory of .jpg or .png frames, camera:0 or /dev/video0.
 Every flag can also be set in the environment: HOLDFAST_SERVER for --server.
 
+A run that is cut short (Ctrl-C, a lost server, a broken INPUT) keeps what it has tracked and says which frames are
+missing. Exit codes: 0 done, 1 failed, 2 called wrongly, 130 after Ctrl-C, 143 after SIGTERM.
+
 Example: holdfast track walk.mp4 --grid=100 --out=tracks.json --overlay=overlay.mp4
 )";
 
@@ -115,7 +118,9 @@ int Track(const std::vector<std::string>& args, const Console& console, StopSign
     return RemoteTracker::Connect(ServerFromFlags());
   };
   const absl::Status status = RunTrack(*options, {connect, stop, console.err, console.terminal});
-  return status.ok() ? kOk : Fail(console, status, kFailed);
+  if (status.ok()) return kOk;
+  const bool interrupted = absl::IsCancelled(status) && stop.stopped();
+  return Fail(console, status, interrupted ? SignalExitCode(stop.signal()) : kFailed);
 }
 
 int Info(const std::vector<std::string>& args, const Console& console) {

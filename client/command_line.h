@@ -19,7 +19,7 @@ struct Console {
 };
 
 // The program "holdfast" without its process: 'args' is without the program's name. Returns the exit code: 0 done,
-// 1 failed, 2 called wrongly.
+// 1 failed, 2 called wrongly, SignalExitCode where 'stop' cut it short.
 int RunCommandLine(const std::vector<std::string>& args, const Console& console, StopSignal& stop);
 
 }  // namespace holdfast

@@ -58,7 +58,7 @@ void PaintPoint(const TrackSample& sample, const cv::Scalar& color, cv::Mat& pic
 void OverlayPainter::Paint(const TrackTable& table, int64_t frame, cv::Mat& picture) const {
   if (trail_frames_ > 0) PaintTrails(table, frame, picture);
   for (size_t i = 0; i < table.tracks().size(); ++i) {
-    const TrackSample* sample = TrackTable::FinalSample(table.tracks()[i], frame);
+    const TrackSample* sample = TrackTable::Estimate(table.tracks()[i], frame);
     if (Drawable(sample)) PaintPoint(*sample, ColorOf(i), picture);
   }
 }
@@ -72,8 +72,8 @@ void OverlayPainter::PaintTrails(const TrackTable& table, int64_t frame, cv::Mat
     picture.copyTo(layer);
     for (size_t i = 0; i < table.tracks().size(); ++i) {
       for (int64_t t = from; t < to; ++t) {
-        const TrackSample* a = TrackTable::FinalSample(table.tracks()[i], t);
-        const TrackSample* b = TrackTable::FinalSample(table.tracks()[i], t + 1);
+        const TrackSample* a = TrackTable::Estimate(table.tracks()[i], t);
+        const TrackSample* b = TrackTable::Estimate(table.tracks()[i], t + 1);
         if (!Drawable(a) || !Drawable(b)) continue;
         cv::line(layer, Fixed(*a), Fixed(*b), ColorOf(i), thickness, cv::LINE_AA, kSubpixelBits);
       }

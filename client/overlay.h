@@ -8,7 +8,7 @@
 
 namespace holdfast {
 
-// Draws final estimates on a frame: a disc for each visible point, a ring for each hidden one, and the way it came as a
+// Draws the estimates on a frame: a disc for each visible point, a ring for each hidden one, and the way it came as a
 // trail that fades with age. Each point keeps one colour for life.
 class OverlayPainter {
  public:

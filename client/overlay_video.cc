@@ -40,6 +40,10 @@ OverlayVideo::~OverlayVideo() {
 
 absl::Status OverlayVideo::Add(const cv::Mat& frame) {
   if (!options_.wanted()) return absl::OkStatus();
+  if (!options_.video.empty() && temporary_.empty()) {
+    const absl::Status opened = OpenWriter();
+    if (!opened.ok()) return opened;
+  }
   try {
     held_.emplace_back();
     cv::imencode(".jpg", frame, held_.back(), {cv::IMWRITE_JPEG_QUALITY, kHeldQuality});
@@ -49,15 +53,13 @@ absl::Status OverlayVideo::Add(const cv::Mat& frame) {
   return absl::OkStatus();
 }
 
-absl::Status OverlayVideo::Paint(const TrackTable& table) {
-  const int64_t end = table.final_frames();
+absl::Status OverlayVideo::Paint(const TrackTable& table, int64_t end) {
   for (; painted_ < end && !held_.empty(); ++painted_) {
     try {
       cv::Mat picture = cv::imdecode(held_.front(), cv::IMREAD_COLOR);
       held_.pop_front();
       painter_.Paint(table, painted_, picture);
-      const absl::Status written = Write(std::move(picture));
-      if (!written.ok()) return written;
+      Write(std::move(picture));
     } catch (const cv::Exception& e) {
       return absl::InternalError(absl::StrCat("overlay: ", e.err));
     }
@@ -76,26 +78,29 @@ absl::Status OverlayVideo::OpenWriter() {
   return absl::UnavailableError(absl::StrCat(options_.video, ": no encoder for H.264 or MPEG-4 can write it"));
 }
 
-absl::Status OverlayVideo::Write(cv::Mat picture) {
-  if (!options_.video.empty()) {
-    if (temporary_.empty()) {
-      const absl::Status opened = OpenWriter();
-      if (!opened.ok()) return opened;
-    }
-    writer_.write(picture);
-  }
+void OverlayVideo::Write(cv::Mat picture) {
+  if (!options_.video.empty()) writer_.write(picture);
   if (options_.still_frame < 0 || painted_ <= options_.still_frame) still_ = std::move(picture);
-  return absl::OkStatus();
 }
 
 absl::Status OverlayVideo::Close() {
-  if (!temporary_.empty()) {
-    writer_.release();
-    std::error_code error;
-    fs::rename(temporary_, options_.video, error);
-    if (error) return absl::InternalError(absl::StrCat(options_.video, ": ", error.message()));
-    temporary_.clear();
-  }
+  if (painted_ == 0) return absl::OkStatus();
+  absl::Status status = CloseVideo();
+  status.Update(CloseStill());
+  return status;
+}
+
+absl::Status OverlayVideo::CloseVideo() {
+  if (temporary_.empty()) return absl::OkStatus();
+  writer_.release();
+  std::error_code error;
+  fs::rename(temporary_, options_.video, error);
+  if (error) return absl::InternalError(absl::StrCat(options_.video, ": ", error.message()));
+  temporary_.clear();
+  return absl::OkStatus();
+}
+
+absl::Status OverlayVideo::CloseStill() {
   if (options_.still.empty() || still_.empty()) return absl::OkStatus();
   return WriteAtomically(options_.still, [this](const std::string& temporary) {
     try {

@@ -15,8 +15,8 @@
 
 namespace holdfast {
 
-// Makes the overlay video and the still picture while the tracker runs: holds each frame until all its estimates are
-// final, so that memory depends on the tracker's delay and not on the video's length. One thread at a time.
+// Makes the overlay video and the still picture while the tracker runs: holds each frame until it is painted, so that
+// memory depends on the tracker's delay and not on the video's length. One thread at a time.
 class OverlayVideo {
  public:
   struct Options {
@@ -33,16 +33,18 @@ class OverlayVideo {
   // A video that was not closed is discarded.
   ~OverlayVideo();
 
-  // The next frame of the source.
+  // The next frame of the source. The first one opens the video, so that what cannot be written is known early.
   absl::Status Add(const cv::Mat& frame);
-  // Paints the frames held that are final in 'table'.
-  absl::Status Paint(const TrackTable& table);
-  // Gives the files their names. Frames that are still held are left out.
+  // Paints the frames held that come before frame 'end' as 'table' has them; they are not painted again.
+  absl::Status Paint(const TrackTable& table, int64_t end);
+  // Gives the files their names. Frames that are still held are left out; where none was painted no file is written.
   absl::Status Close();
 
  private:
   absl::Status OpenWriter();
-  absl::Status Write(cv::Mat picture);
+  absl::Status CloseVideo();
+  absl::Status CloseStill();
+  void Write(cv::Mat picture);
 
   const Options options_;
   const VideoFacts video_;

@@ -10,10 +10,13 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "client/atomic_file.h"
+#include "client/frame_reader.h"
 #include "client/progress.h"
+#include "client/track_extent.h"
 #include "client/track_table.h"
 #include "client/track_writer.h"
 #include "client/video.h"
@@ -21,45 +24,49 @@
 namespace holdfast {
 namespace {
 
-Progress::Options ProgressOptions(const TrackOptions& options, const FrameSource& source, bool terminal) {
-  Progress::Options progress;
-  progress.terminal = terminal;
-  progress.total = source.frames();
-  if (options.max_frames > 0 && (progress.total == 0 || progress.total > options.max_frames)) {
-    progress.total = options.max_frames;
-  }
-  progress.now = [] { return absl::Now(); };
-  return progress;
+int64_t TotalFrames(const TrackOptions& options, const FrameSource& source) {
+  if (options.max_frames == 0) return source.frames();
+  return source.frames() == 0 ? options.max_frames : std::min(source.frames(), options.max_frames);
 }
 
 // One session from the first frame to the written files. The main thread reads and sends frames and paints; the
 // tracker's thread delivers estimates.
 class TrackRun final : public TrackObserver {
  public:
-  TrackRun(const TrackOptions& options, const TrackEnvironment& environment, FrameSource& source,
+  TrackRun(const TrackOptions& options, const TrackEnvironment& environment, std::unique_ptr<FrameSource> source,
            const std::vector<StartPoint>& points)
       : options_(options),
         environment_(environment),
-        source_(source),
-        encoder_(source.size(), options.max_side, options.jpeg_quality),
-        facts_{source.size(), source.fps()},
+        encoder_(source->size(), options.max_side, options.jpeg_quality),
+        facts_{source->size(), source->fps()},
+        total_frames_(TotalFrames(options, *source)),
+        reader_(std::move(source)),
         overlay_(options.overlay, facts_),
         table_(points),
-        progress_(ProgressOptions(options, source, environment.terminal), environment.log) {
+        progress_({environment.terminal, total_frames_, [] { return absl::Now(); }}, environment.log) {
     for (const StartPoint& point : points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
   }
 
   absl::Status Run(PointTracker& tracker) {
-    absl::Status status = Track(tracker);
-    if (environment_.stop.stopped()) status = absl::CancelledError("interrupted");
-    if (!status.ok() && NothingFinal()) return status;
-    const absl::Status written = WriteFiles();
-    return status.ok() ? written : status;
+    auto stream = tracker.Open(Config(), *this);
+    if (!stream.ok()) return stream.status();
+    const absl::Status status = Track(**stream);
+    stream->reset();  // no answer comes any more
+    const absl::Status written = WriteFiles(status.ok());
+    environment_.stop.SetCallback(nullptr);
+    if (status.ok()) return written;
+    if (!written.ok()) environment_.log << "warning: " << written.message() << "\n";
+    return status;
   }
 
   void OnTracks(TrackUpdate update) override {
     for (PointRun& run : update.runs) encoder_.FromSent(run);
     absl::MutexLock lock(&mutex_);
+    // The frame that is just being sent is not counted yet.
+    if (broken_.ok() && update.frames_received > sent_ + 1) {
+      broken_ = absl::InternalError(
+          absl::StrCat("the tracker speaks of ", update.frames_received, " frames after ", sent_, " were sent"));
+    }
     if (broken_.ok()) broken_ = table_.Apply(update);
     processed_ = std::max(processed_, update.frames_processed);
     progress_.Update(processed_, sent_ - processed_);
@@ -70,17 +77,22 @@ class TrackRun final : public TrackObserver {
     environment_.log << "warning: " << warning.message() << "\n";
   }
 
-  void OnDone(const absl::Status&, const SessionSummary&) override {}  // Finish returns it as well
+  // Finish returns the status as well. Nobody waits for the input of a session that is over.
+  void OnDone(const absl::Status&, const SessionSummary&) override { reader_.Stop(); }
 
  private:
-  absl::Status Track(PointTracker& tracker) {
-    auto stream = tracker.Open(Config(), *this);
-    if (!stream.ok()) return stream.status();
-    environment_.stop.SetCallback([&stream] { (*stream)->Cancel(); });
-    absl::Status status = PushFrames(**stream);
-    if (status.ok()) status = (*stream)->Finish();
-    environment_.stop.SetCallback(nullptr);
-    return status.ok() ? Broken() : status;
+  absl::Status Track(TrackStream& stream) {
+    environment_.stop.SetCallback([this, &stream] {
+      stream.Cancel();
+      reader_.Stop();
+    });
+    absl::Status status = PushFrames(stream);
+    if (status.ok()) status = stream.Finish();
+    // The stream goes away, and files are written whether an interrupt comes or not; a second one ends the program.
+    environment_.stop.SetCallback([] {});
+    if (!status.ok() && environment_.stop.stopped()) return absl::CancelledError("interrupted");
+    if (!input_error_.ok()) return input_error_;
+    return status.ok() ? CheckAnswers() : status;
   }
 
   SessionConfig Config() {
@@ -89,7 +101,7 @@ class TrackRun final : public TrackObserver {
     config.processing_size = options_.processing_size;
     config.hop_frames = options_.hop_frames;
     config.iterations = options_.iterations;
-    config.send_provisional = false;  // files hold final estimates alone
+    config.send_provisional = true;  // kept where the session ends before they are final
     config.points = PointsOf(0);
     config.label = "holdfast track";
     return config;
@@ -100,61 +112,90 @@ class TrackRun final : public TrackObserver {
     return found == starts_.end() ? std::vector<PointQuery>() : found->second;
   }
 
+  // An error is one of the session. One of the input ends the input: the tracker still finishes what it has.
   absl::Status PushFrames(TrackStream& stream) {
     for (int64_t i = 0; options_.max_frames == 0 || i < options_.max_frames; ++i) {
-      if (environment_.stop.stopped()) return absl::CancelledError("interrupted");
-      const absl::StatusOr<cv::Mat> picture = source_.Next();
-      if (!picture.ok()) return picture.status();
-      if (picture->empty()) break;
-      absl::Status status = overlay_.Add(*picture);
-      if (status.ok()) status = PushFrame(stream, i, *picture);
+      absl::StatusOr<Frame> frame = NextFrame(i);
+      if (absl::IsCancelled(frame.status())) break;  // the session is over, Finish knows why
+      if (!frame.ok()) input_error_ = frame.status();
+      if (!frame.ok() || frame->bytes.empty()) break;
+      absl::Status status = stream.PushFrame(*std::move(frame));
       if (status.ok()) status = AfterFrame();
       if (!status.ok()) return status;
     }
     return absl::OkStatus();
   }
 
-  absl::Status PushFrame(TrackStream& stream, int64_t index, const cv::Mat& picture) {
-    absl::StatusOr<std::string> bytes = encoder_.Encode(picture);
-    if (!bytes.ok()) return bytes.status();
+  // Without bytes at the end of the input.
+  absl::StatusOr<Frame> NextFrame(int64_t index) {
     Frame frame;
+    const absl::StatusOr<cv::Mat> picture = reader_.Next();
+    if (!picture.ok()) return picture.status();
+    if (picture->empty()) return frame;
+    const absl::Status held = overlay_.Add(*picture);
+    if (!held.ok()) return held;
+    absl::StatusOr<std::string> bytes = encoder_.Encode(*picture);
+    if (!bytes.ok()) return bytes.status();
     frame.index = index;
     frame.bytes = *std::move(bytes);
     if (index > 0) frame.points = PointsOf(index);  // those of frame 0 are in the config
-    return stream.PushFrame(std::move(frame));
+    return frame;
   }
 
   absl::Status AfterFrame() {
     absl::MutexLock lock(&mutex_);
     progress_.Update(processed_, ++sent_ - processed_);
-    return broken_.ok() ? overlay_.Paint(table_) : broken_;
+    return broken_.ok() ? overlay_.Paint(table_, table_.final_frames()) : broken_;
   }
 
-  absl::Status Broken() {
+  // REQUIRES: the session ended well.
+  absl::Status CheckAnswers() {
     absl::MutexLock lock(&mutex_);
-    return broken_;
+    if (!broken_.ok() || table_.final_frames() == table_.frames()) return broken_;
+    return absl::InternalError("the tracker ended the session before every estimate was final");
   }
 
-  bool NothingFinal() {
+  TrackExtent Extent(bool complete) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    TrackExtent extent;
+    extent.complete = complete;
+    extent.frames = complete ? std::max(sent_, table_.frames()) : table_.estimated_frames();
+    extent.final_frames = complete ? extent.frames : std::min(table_.final_frames(), extent.frames);
+    extent.expected_frames = complete ? extent.frames : std::max(total_frames_, sent_);
+    return extent;
+  }
+
+  // The tracks come first: they are what a second interrupt must not take.
+  absl::Status WriteFiles(bool complete) {
     absl::MutexLock lock(&mutex_);
     progress_.Close();
-    return table_.final_frames() == 0;
-  }
-
-  absl::Status WriteFiles() {
-    absl::MutexLock lock(&mutex_);
-    progress_.Close();
-    WarnOfLatePoints();
-    absl::Status status = overlay_.Paint(table_);
-    if (status.ok()) status = overlay_.Close();
-    if (status.ok() && !options_.out.empty()) status = WriteTracks(options_.out, table_, facts_);
-    if (!status.ok()) return status;
-    environment_.log << absl::StrFormat("%d points, final on %d of %d frames sent\n", table_.tracks().size(),
-                                        table_.final_frames(), sent_);
-    for (const std::string& path : {options_.out, options_.overlay.video, options_.overlay.still}) {
-      if (!path.empty()) environment_.log << "wrote " << path << "\n";
+    const TrackExtent extent = Extent(complete);
+    if (!complete && extent.frames == 0) {
+      environment_.log << "no estimate came, no file is written\n";
+      return absl::OkStatus();
     }
-    return absl::OkStatus();
+    std::vector<std::string> files;
+    absl::Status status;
+    if (!options_.out.empty()) status = WriteTracks(options_.out, table_, facts_, extent);
+    if (status.ok()) files.push_back(options_.out);
+    absl::Status painted = overlay_.Paint(table_, extent.frames);
+    if (painted.ok()) painted = overlay_.Close();
+    if (painted.ok()) files.insert(files.end(), {options_.overlay.video, options_.overlay.still});
+    files.erase(std::remove(files.begin(), files.end(), ""), files.end());
+    Report(extent, files);
+    status.Update(painted);
+    return status;
+  }
+
+  void Report(const TrackExtent& extent, const std::vector<std::string>& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!extent.complete) {
+      if (!files.empty()) {
+        environment_.log << "kept in " << absl::StrJoin(files, ", ") << ": " << Describe(extent) << "\n";
+      }
+      return;
+    }
+    WarnOfLatePoints();
+    environment_.log << absl::StrFormat("%d points, final on all %d frames\n", table_.tracks().size(), extent.frames);
+    for (const std::string& path : files) environment_.log << "wrote " << path << "\n";
   }
 
   void WarnOfLatePoints() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -166,11 +207,13 @@ class TrackRun final : public TrackObserver {
 
   const TrackOptions& options_;
   const TrackEnvironment& environment_;
-  FrameSource& source_;
   const FrameEncoder encoder_;
   const VideoFacts facts_;
+  const int64_t total_frames_;  // as the input announces; 0: not known
+  FrameReader reader_;
   std::map<int64_t, std::vector<PointQuery>> starts_;  // by frame, pixels of the sent frames
   OverlayVideo overlay_;                               // of the main thread
+  absl::Status input_error_;                           // of the main thread
 
   absl::Mutex mutex_;
   TrackTable table_ ABSL_GUARDED_BY(mutex_);
@@ -210,13 +253,13 @@ absl::Status TrackOptions::Validate() const {
 absl::Status RunTrack(const TrackOptions& options, const TrackEnvironment& environment) {
   const absl::Status outputs = CheckOutputs(options);
   if (!outputs.ok()) return outputs;
-  const auto source = FrameSource::Open(options.input);
+  auto source = FrameSource::Open(options.input);
   if (!source.ok()) return source.status();
   auto points = CollectPoints(options.points, (*source)->size());
   if (!points.ok()) return points.status();
   const auto tracker = environment.connect();
   if (!tracker.ok()) return tracker.status();
-  TrackRun run(options, environment, **source, *points);
+  TrackRun run(options, environment, *std::move(source), *points);
   return run.Run(**tracker);
 }
 

@@ -37,13 +37,15 @@ struct TrackOptions {
 struct TrackEnvironment {
   // Called once the input and the points are known to be good.
   std::function<absl::StatusOr<std::unique_ptr<PointTracker>>()> connect;
-  StopSignal& stop;   // cancels the session; what is final is still written
+  StopSignal& stop;   // cancels the session; listened to from the accepted session to the written files
   std::ostream& log;  // progress and what was written
   bool terminal;      // whether 'log' is one
 };
 
-// Tracks the points through the input and writes the files. Results that became final before an error are written too.
-// REQUIRES: options.Validate() is OK.
+// Tracks the points through the input and writes the files. When the session is lost, the input breaks or 'stop' comes,
+// the files hold every estimate that was received, final or not, 'log' says which frames these are, and the status says
+// why; CANCELLED is for 'stop' alone. Without any estimate no file is written or replaced. Outputs that cannot be
+// written are found before the input is opened. REQUIRES: options.Validate() is OK.
 absl::Status RunTrack(const TrackOptions& options, const TrackEnvironment& environment);
 
 }  // namespace holdfast

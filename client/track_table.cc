@@ -55,9 +55,19 @@ int64_t TrackTable::final_frames() const {
   return frames;
 }
 
-const TrackSample* TrackTable::FinalSample(const TableTrack& track, int64_t frame) {
+int64_t TrackTable::estimated_frames() const {
+  int64_t frames = 0;
+  for (const TableTrack& track : tracks_) {
+    if (!track.samples.empty()) {
+      frames = std::max(frames, track.start.frame + static_cast<int64_t>(track.samples.size()));
+    }
+  }
+  return frames;
+}
+
+const TrackSample* TrackTable::Estimate(const TableTrack& track, int64_t frame) {
   const int64_t i = frame - track.start.frame;
-  if (i < 0 || i >= static_cast<int64_t>(track.samples.size()) || !track.samples[i].is_final()) return nullptr;
+  if (i < 0 || i >= static_cast<int64_t>(track.samples.size()) || track.samples[i].is_absent()) return nullptr;
   return &track.samples[i];
 }
 

@@ -20,6 +20,7 @@ struct TrackSample {
   bool visible = false;
   State state = State::kAbsent;
 
+  bool is_absent() const { return state == State::kAbsent; }
   bool is_final() const { return state == State::kFinal; }
 };
 
@@ -43,8 +44,10 @@ class TrackTable {
   int64_t frames() const { return frames_; }  // frames the tracker has accepted so far
   // No estimate of frames 0 .. final_frames() - 1 will change or be added any more.
   int64_t final_frames() const;
-  // Null where the point has no final estimate.
-  static const TrackSample* FinalSample(const TableTrack& track, int64_t frame);
+  // Frames up to the last one of which there is an estimate, final or provisional; 0: there is none.
+  int64_t estimated_frames() const;
+  // Null where the point has no estimate.
+  static const TrackSample* Estimate(const TableTrack& track, int64_t frame);
 
  private:
   absl::Status ApplyRun(const PointRun& run);

@@ -26,7 +26,7 @@ json PointToJson(const TableTrack& track) {
   json frames = json::array(), xy = json::array(), visible = json::array(), confidence = json::array();
   for (size_t i = 0; i < track.samples.size(); ++i) {
     const TrackSample& sample = track.samples[i];
-    if (!sample.is_final()) continue;
+    if (sample.is_absent()) continue;
     frames.push_back(track.start.frame + static_cast<int64_t>(i));
     xy.push_back({Rounded(sample.x), Rounded(sample.y)});
     visible.push_back(sample.visible);
@@ -37,9 +37,11 @@ json PointToJson(const TableTrack& track) {
 }
 
 // Point by point, so that the tree of values never holds a whole video.
-void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& video) {
-  out << absl::StrFormat("{\"width\": %d, \"height\": %d, \"fps\": %g, \"frames\": %d, \"points\": [", video.size.width,
-                         video.size.height, video.fps, table.frames());
+void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
+  out << absl::StrFormat("{\"width\": %d, \"height\": %d, \"fps\": %g, \"frames\": %d, ", video.size.width,
+                         video.size.height, video.fps, extent.frames);
+  out << absl::StrFormat("\"complete\": %s, \"final_frames\": %d, \"expected_frames\": %d, \"points\": [",
+                         extent.complete ? "true" : "false", extent.final_frames, extent.expected_frames);
   const char* separator = "\n";
   for (const TableTrack& track : table.tracks()) {
     out << separator << PointToJson(track).dump(-1, ' ', false, json::error_handler_t::replace);
@@ -53,18 +55,19 @@ void WriteCsv(std::ostream& out, const TrackTable& table) {
   for (const TableTrack& track : table.tracks()) {
     for (size_t i = 0; i < track.samples.size(); ++i) {
       const TrackSample& s = track.samples[i];
-      if (!s.is_final()) continue;
+      if (s.is_absent()) continue;
       out << absl::StrFormat("%d,%d,%.3f,%.3f,%d,%.3f\n", track.start.query.id,
                              track.start.frame + static_cast<int64_t>(i), s.x, s.y, s.visible ? 1 : 0, s.confidence);
     }
   }
 }
 
-// Arrays over points and frames; T is the number of frames.
+// Arrays over points and frames.
 class Arrays {
  public:
-  explicit Arrays(const TrackTable& table)
-      : shape_{static_cast<int64_t>(table.tracks().size()), table.frames()},
+  Arrays(const TrackTable& table, const TrackExtent& extent)
+      : extent_(extent),
+        shape_{static_cast<int64_t>(table.tracks().size()), extent.frames},
         xy_(shape_[0] * shape_[1] * 2, std::numeric_limits<float>::quiet_NaN()),
         confidence_(shape_[0] * shape_[1], 0.0f),
         visible_(shape_[0] * shape_[1], '\0') {
@@ -75,10 +78,14 @@ class Arrays {
     const auto bytes = [](const auto& values) {
       return absl::string_view(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(values[0]));
     };
+    const auto scalar = [&bytes](int64_t value) { return NpyFile("<i8", {}, bytes(std::vector<int64_t>{value})); };
     return WriteNpz(path, {{"tracks", NpyFile("<f4", {shape_[0], shape_[1], 2}, bytes(xy_))},
                            {"visible", NpyFile("|b1", shape_, bytes(visible_))},
                            {"confidence", NpyFile("<f4", shape_, bytes(confidence_))},
-                           {"ids", NpyFile("<i8", {shape_[0]}, bytes(ids_))}});
+                           {"ids", NpyFile("<i8", {shape_[0]}, bytes(ids_))},
+                           {"complete", NpyFile("|b1", {}, std::string(1, extent_.complete ? '\1' : '\0'))},
+                           {"final_frames", scalar(extent_.final_frames)},
+                           {"expected_frames", scalar(extent_.expected_frames)}});
   }
 
  private:
@@ -86,7 +93,7 @@ class Arrays {
     ids_.push_back(static_cast<int64_t>(track.start.query.id));
     for (size_t i = 0; i < track.samples.size(); ++i) {
       const TrackSample& sample = track.samples[i];
-      if (!sample.is_final()) continue;
+      if (sample.is_absent()) continue;
       const int64_t at = row + track.start.frame + static_cast<int64_t>(i);
       xy_[2 * at] = sample.x;
       xy_[2 * at + 1] = sample.y;
@@ -95,6 +102,7 @@ class Arrays {
     }
   }
 
+  const TrackExtent extent_;
   const std::vector<int64_t> shape_;
   std::vector<float> xy_;
   std::vector<float> confidence_;
@@ -102,10 +110,11 @@ class Arrays {
   std::vector<int64_t> ids_;
 };
 
-absl::Status WriteText(const std::string& path, TrackFormat format, const TrackTable& table, const VideoFacts& video) {
+absl::Status WriteText(const std::string& path, TrackFormat format, const TrackTable& table, const VideoFacts& video,
+                       const TrackExtent& extent) {
   std::ofstream out(path, std::ios::binary);
   if (format == TrackFormat::kJson) {
-    WriteJson(out, table, video);
+    WriteJson(out, table, video, extent);
   } else {
     WriteCsv(out, table);
   }
@@ -122,12 +131,13 @@ absl::StatusOr<TrackFormat> TrackFormatOf(absl::string_view path) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": track files end in .json, .csv or .npz"));
 }
 
-absl::Status WriteTracks(const std::string& path, const TrackTable& table, const VideoFacts& video) {
+absl::Status WriteTracks(const std::string& path, const TrackTable& table, const VideoFacts& video,
+                         const TrackExtent& extent) {
   const absl::StatusOr<TrackFormat> format = TrackFormatOf(path);
   if (!format.ok()) return format.status();
   return WriteAtomically(path, [&](const std::string& temporary) {
-    if (*format == TrackFormat::kNpz) return Arrays(table).Write(temporary);
-    return WriteText(temporary, *format, table, video);
+    if (*format == TrackFormat::kNpz) return Arrays(table, extent).Write(temporary);
+    return WriteText(temporary, *format, table, video, extent);
   });
 }
 

@@ -4,8 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <csignal>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
 #include "absl/flags/reflection.h"
@@ -80,6 +83,32 @@ TEST_F(CommandLineTest, WrongCallsAreCode2AndSayWhy) {
 TEST_F(CommandLineTest, FailuresAreCode1AndNameTheirCause) {
   EXPECT_EQ(Run({"track", "/none.mp4", "--grid=5", "--out=/tmp/t.json"}), 1);
   EXPECT_EQ(err_.str(), "holdfast: /none.mp4: no such file\n");
+}
+
+TEST_F(CommandLineTest, AStoppedRunHasTheCodeOfItsSignal) {
+  const TempDir dir;
+  for (int i = 0; i < 9; ++i) {
+    cv::imwrite(dir.File(std::to_string(i) + ".png"), cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(i)));
+  }
+  for (const int signal : {SIGINT, SIGTERM}) {
+    StopSignal stop;
+    FakeService service([&stop, signal](grpc::ServerContext& context, FakeService::Stream& stream) {
+      v1::TrackRequest request;
+      stream.Read(&request);
+      stream.Write(Accepted());
+      for (int frame = 0; stream.Read(&request); ++frame) {
+        if (frame == 2) stop.Stop(signal);
+      }
+      return context.IsCancelled() ? grpc::Status::CANCELLED : grpc::Status::OK;
+    });
+    const std::vector<std::string> args = {"track", dir.path().string(), "--server=" + service.address(), "--grid=4",
+                                           "--out=" + dir.File("t.json")};
+    const absl::FlagSaver saver;
+    err_.str("");
+    EXPECT_EQ(RunCommandLine(args, {out_, err_, false, [](const char*) { return nullptr; }}, stop), 128 + signal);
+    EXPECT_THAT(err_.str(), AllOf(HasSubstr("no estimate came"), HasSubstr("holdfast: interrupted\n")));
+    EXPECT_FALSE(std::filesystem::exists(dir.File("t.json")));
+  }
 }
 
 TEST_F(CommandLineTest, AnAbsentServerIsNamedOnce) {

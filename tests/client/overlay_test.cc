@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
@@ -92,12 +94,12 @@ TEST(OverlayPainterTest, PositionsFarOutsideAndNotANumberAreNotDrawn) {
   EXPECT_EQ(cv::countNonZero(picture.reshape(1)), 0);
 }
 
-TEST(OverlayVideoTest, OnlyFinalFramesArePaintedAndTheRestWaits) {
+TEST(OverlayVideoTest, FramesArePaintedOnceWhenAskedForAndTheRestIsLeftOut) {
   const TempDir dir;
   OverlayVideo overlay({dir.File("o.mp4"), dir.File("s.png"), -1, 20}, {{320, 180}, 10});
   for (int i = 0; i < 6; ++i) ASSERT_THAT(overlay.Add(Black()), IsOk());
-  ASSERT_THAT(overlay.Paint(Moving(1, 6, 2, true)), IsOk());
-  ASSERT_THAT(overlay.Paint(Moving(1, 6, 4, true)), IsOk());
+  ASSERT_THAT(overlay.Paint(Moving(1, 6, 2, true), 2), IsOk());
+  ASSERT_THAT(overlay.Paint(Moving(1, 6, 4, true), 4), IsOk());
   ASSERT_THAT(overlay.Close(), IsOk());
   cv::VideoCapture video(dir.File("o.mp4"), cv::CAP_FFMPEG);
   cv::Mat frame, last;
@@ -116,7 +118,7 @@ TEST(OverlayVideoTest, TheStillCanShowAnEarlierFrame) {
   const TempDir dir;
   OverlayVideo overlay({"", dir.File("s.png"), 1, 0}, {{320, 180}, 10});
   for (int i = 0; i < 6; ++i) ASSERT_THAT(overlay.Add(Black()), IsOk());
-  ASSERT_THAT(overlay.Paint(Moving(1, 6, 6, true)), IsOk());
+  ASSERT_THAT(overlay.Paint(Moving(1, 6, 6, true), 6), IsOk());
   ASSERT_THAT(overlay.Close(), IsOk());
   const cv::Mat still = cv::imread(dir.File("s.png"));
   EXPECT_GT(Brightness(still, 40, 20), 200);
@@ -128,9 +130,36 @@ TEST(OverlayVideoTest, WhatIsNotClosedLeavesNoFile) {
   {
     OverlayVideo overlay({dir.File("o.mp4"), dir.File("s.png"), -1, 20}, {{320, 180}, 10});
     ASSERT_THAT(overlay.Add(Black()), IsOk());
-    ASSERT_THAT(overlay.Paint(Moving(1, 1, 1, true)), IsOk());
+    ASSERT_THAT(overlay.Paint(Moving(1, 1, 1, true), 1), IsOk());
   }
   EXPECT_EQ(dir.Count(), 0u);
+}
+
+TEST(OverlayVideoTest, ProvisionalEstimatesArePaintedWhenAskedFor) {
+  const TempDir dir;
+  OverlayVideo overlay({"", dir.File("s.png"), -1, 0}, {{320, 180}, 10});
+  for (int i = 0; i < 3; ++i) ASSERT_THAT(overlay.Add(Black()), IsOk());
+  ASSERT_THAT(overlay.Paint(Moving(1, 3, 1, true), 3), IsOk());
+  ASSERT_THAT(overlay.Close(), IsOk());
+  EXPECT_GT(Brightness(cv::imread(dir.File("s.png")), 50, 20), 200);
+}
+
+TEST(OverlayVideoTest, WithoutAPaintedFrameTheOldFilesStay) {
+  const TempDir dir;
+  for (const char* name : {"o.mp4", "s.png"}) std::ofstream(dir.File(name)) << "old";
+  {
+    OverlayVideo overlay({dir.File("o.mp4"), dir.File("s.png"), -1, 20}, {{320, 180}, 10});
+    ASSERT_THAT(overlay.Add(Black()), IsOk());
+    ASSERT_THAT(overlay.Close(), IsOk());
+  }
+  EXPECT_EQ(std::filesystem::file_size(dir.File("o.mp4")), 3u);
+  EXPECT_EQ(std::filesystem::file_size(dir.File("s.png")), 3u);
+  EXPECT_EQ(dir.Count(), 2u);
+}
+
+TEST(OverlayVideoTest, AVideoThatCannotBeWrittenIsKnownAtTheFirstFrame) {
+  OverlayVideo overlay({"/proc/o.mp4", "", -1, 20}, {{320, 180}, 10});
+  EXPECT_THAT(overlay.Add(Black()), StatusIs(absl::StatusCode::kUnavailable, HasSubstr("/proc/o.mp4")));
 }
 
 TEST(OverlayVideoTest, OtherSuffixesAreRefusedAtOnce) {

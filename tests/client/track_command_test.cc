@@ -3,12 +3,20 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
+#include <algorithm>
+#include <filesystem>
 #include <fstream>
+#include <functional>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
 #include <sstream>
+#include <thread>
 
+#include "absl/synchronization/notification.h"
 #include "tests/support/fake_tracker.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -66,6 +74,13 @@ class TrackCommandTest : public ::testing::Test {
 
   nlohmann::json Tracks() { return nlohmann::json::parse(std::ifstream(options_.out)); }
 
+  static int FramesOf(const std::string& video) {
+    cv::VideoCapture capture(video, cv::CAP_FFMPEG);
+    int frames = 0;
+    for (cv::Mat frame; capture.read(frame);) ++frames;
+    return frames;
+  }
+
   TempDir dir_;
   TrackOptions options_;
   StopSignal stop_;
@@ -84,7 +99,9 @@ TEST_F(TrackCommandTest, WritesTracksOverlayAndStillOfAllFrames) {
   EXPECT_EQ(json["points"][1]["frames"], nlohmann::json::parse("[2, 3, 4, 5]"));
   EXPECT_EQ(json["points"][1]["xy"][3], nlohmann::json::parse("[33.0, 40.0]"));
   EXPECT_EQ(cv::imread(options_.overlay.still).size(), cv::Size(64, 48));
-  EXPECT_GT(std::filesystem::file_size(options_.overlay.video), 0u);
+  EXPECT_EQ(FramesOf(options_.overlay.video), 6);
+  EXPECT_EQ(json["complete"], true);
+  EXPECT_EQ(json["expected_frames"], 6);
   EXPECT_THAT(log_.str(), HasSubstr("6/6 frames"));
   EXPECT_THAT(log_.str(), HasSubstr("wrote " + options_.out));
 }
@@ -138,19 +155,50 @@ TEST_F(TrackCommandTest, InputAndPointsAreCheckedBeforeTheServerIsAsked) {
   EXPECT_EQ(connections_, 0);
 }
 
-TEST_F(TrackCommandTest, AnErrorBeforeAnythingIsFinalWritesNothing) {
+TEST_F(TrackCommandTest, ALostSessionKeepsProvisionalEstimatesAndSaysWhatIsMissing) {
   auto behaviour = MovingRight();
-  behaviour.fail_at_frame = 3;
+  behaviour.fail_at_frame = 4;
   FakeTracker tracker(behaviour);
   options_.overlay.video = dir_.File("overlay.mp4");
   EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kUnavailable, HasSubstr("went away")));
-  EXPECT_EQ(dir_.Count(), 2u) << "only the frames and the points";
+  EXPECT_TRUE(tracker.configs()[0].send_provisional);
+  const auto json = Tracks();
+  EXPECT_EQ(json["complete"], false);
+  EXPECT_EQ(json["frames"], 4);
+  EXPECT_EQ(json["final_frames"], 0);
+  EXPECT_EQ(json["expected_frames"], 6);
+  EXPECT_EQ(json["points"][0]["frames"], nlohmann::json::parse("[0, 1, 2, 3]"));
+  EXPECT_EQ(json["points"][1]["frames"], nlohmann::json::parse("[2, 3]"));
+  EXPECT_EQ(FramesOf(options_.overlay.video), 4);
+  EXPECT_THAT(log_.str(), HasSubstr("kept in " + options_.out + ", " + options_.overlay.video +
+                                    ": frames 0..3 of 6 (none final), 4..5 are missing\n"));
 }
 
-// Makes frame 'frame' final as soon as it is pushed, and stops the command after 'last' frames.
-class StoppingTracker final : public PointTracker {
+TEST_F(TrackCommandTest, ABrokenInputStillMakesEveryFrameBeforeItFinal) {
+  std::ofstream(dir_.File("frames/4.png")) << "broken";
+  FakeTracker tracker(MovingRight());
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("4.png")));
+  const auto json = Tracks();
+  EXPECT_EQ(json["complete"], false);
+  EXPECT_EQ(json["final_frames"], 4);
+  EXPECT_EQ(json["points"][0]["xy"][3], nlohmann::json::parse("[13.0, 20.0]"));
+  EXPECT_THAT(log_.str(), HasSubstr("frames 0..3 of 6 (all final), 4..5 are missing"));
+}
+
+TEST_F(TrackCommandTest, ASessionThatEndsWellBeforeEverythingIsFinalIsNotComplete) {
+  auto behaviour = MovingRight();
+  behaviour.final_frames_missing = 1;
+  FakeTracker tracker(behaviour);
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInternal, HasSubstr("before every estimate was final")));
+  EXPECT_EQ(Tracks()["complete"], false);
+  EXPECT_EQ(Tracks()["final_frames"], 5);
+}
+
+// A session of one point, 1, whose answers and end the test writes down.
+class ScriptedTracker final : public PointTracker {
  public:
-  StoppingTracker(StopSignal& stop, int64_t last) : stop_(stop), last_(last) {}
+  using Push = std::function<absl::Status(TrackObserver&, int64_t frame)>;
+  explicit ScriptedTracker(Push push) : push_(std::move(push)) {}
   absl::StatusOr<std::unique_ptr<TrackStream>> Open(const SessionConfig&, TrackObserver& observer) override {
     return std::make_unique<Stream>(*this, observer);
   }
@@ -160,35 +208,109 @@ class StoppingTracker final : public PointTracker {
  private:
   class Stream final : public TrackStream {
    public:
-    Stream(StoppingTracker& tracker, TrackObserver& observer) : tracker_(tracker), observer_(observer) {}
-    absl::Status PushFrame(Frame frame) override {
-      observer_.OnTracks({{{1, frame.index, {5}, {6}, {1}, {1}, 1}}, frame.index + 1, frame.index + 1});
-      if (frame.index + 1 == tracker_.last_) tracker_.stop_.Stop();
-      return absl::OkStatus();
-    }
+    Stream(ScriptedTracker& tracker, TrackObserver& observer) : tracker_(tracker), observer_(observer) {}
+    absl::Status PushFrame(Frame frame) override { return tracker_.push_(observer_, frame.index); }
     absl::Status AddPoints(std::vector<PointQuery>) override { return absl::OkStatus(); }
     absl::Status RemovePoints(std::vector<PointId>) override { return absl::OkStatus(); }
-    absl::Status Finish() override { return absl::InternalError("a stopped session is not finished"); }
+    absl::Status Finish() override {
+      return tracker_.cancelled_ ? absl::CancelledError("the session was cancelled") : absl::OkStatus();
+    }
     void Cancel() override { tracker_.cancelled_ = true; }
 
    private:
-    StoppingTracker& tracker_;
+    ScriptedTracker& tracker_;
     TrackObserver& observer_;
   };
 
-  StopSignal& stop_;
-  const int64_t last_;
+  const Push push_;
   bool cancelled_ = false;
 };
 
-TEST_F(TrackCommandTest, AnInterruptCancelsTheSessionAndKeepsWhatIsFinal) {
+// Frames first .. newest of point 1 at x = 10 + frame, the first of them final.
+TrackUpdate Window(int64_t first, int64_t newest) {
+  PointRun run;
+  run.id = 1;
+  run.first_frame = first;
+  run.final_count = 1;
+  for (int64_t frame = first; frame <= newest; ++frame) run.x.push_back(10.0f + static_cast<float>(frame));
+  run.y.assign(run.x.size(), 20);
+  run.visible.assign(run.x.size(), 1);
+  run.confidence.assign(run.x.size(), 0.5f);
+  return {{run}, newest + 1, newest + 1};
+}
+
+TEST_F(TrackCommandTest, EveryFormatKeepsFinalAndProvisionalEstimates) {
+  Points("1,10,20\n");
+  ScriptedTracker tracker([](TrackObserver& observer, int64_t frame) {
+    if (frame == 5) return absl::UnavailableError("gone");
+    observer.OnTracks(Window(std::max<int64_t>(0, frame - 2), frame));
+    return absl::OkStatus();
+  });
+  for (const char* name : {"t.json", "t.csv", "t.npz"}) {
+    options_.out = dir_.File(name);
+    EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kUnavailable)) << name;
+    EXPECT_THAT(log_.str(), HasSubstr("kept in " + options_.out + ": frames 0..4 of 6 (0..2 are final), 5 is missing"));
+  }
+  options_.out = dir_.File("t.json");
+  EXPECT_EQ(Tracks()["points"][0]["xy"], nlohmann::json::parse("[[10,20],[11,20],[12,20],[13,20],[14,20]]"));
+  std::ifstream csv(dir_.File("t.csv"));
+  EXPECT_EQ(std::count(std::istreambuf_iterator<char>(csv), {}, '\n'), 6) << "a header and five frames";
+}
+
+TEST_F(TrackCommandTest, WithoutAnyEstimateOldFilesStay) {
+  options_.overlay.video = dir_.File("overlay.mp4");
+  for (const std::string& path : {options_.out, options_.overlay.video}) std::ofstream(path) << "old";
+  ScriptedTracker tracker([](TrackObserver&, int64_t frame) {
+    return frame < 3 ? absl::OkStatus() : absl::DeadlineExceededError("too slow");
+  });
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kDeadlineExceeded));
+  for (const std::string& path : {options_.out, options_.overlay.video}) {
+    EXPECT_EQ(std::filesystem::file_size(path), 3u) << path;
+  }
+  EXPECT_EQ(dir_.Count(), 4u) << "the frames, the points and the two old files";
+  EXPECT_THAT(log_.str(), HasSubstr("no estimate came, no file is written"));
+}
+
+TEST_F(TrackCommandTest, FramesThatWereNeverSentAreNotBelieved) {
+  ScriptedTracker tracker([](TrackObserver& observer, int64_t) {
+    observer.OnTracks({{}, int64_t{1} << 40, 1});
+    return absl::OkStatus();
+  });
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInternal, HasSubstr("speaks of 1099511627776 frames")));
+}
+
+TEST_F(TrackCommandTest, AnInterruptCancelsTheSessionAndKeepsWhatIsThere) {
   Points("1,10,20\n");
   options_.overlay.still = dir_.File("still.png");
-  StoppingTracker tracker(stop_, 3);
+  ScriptedTracker tracker([this](TrackObserver& observer, int64_t frame) {
+    observer.OnTracks(Window(frame, frame));
+    if (frame == 2) stop_.Stop();
+    return absl::OkStatus();
+  });
   EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kCancelled, HasSubstr("interrupted")));
   EXPECT_TRUE(tracker.cancelled());
   EXPECT_EQ(Tracks()["points"][0]["frames"], nlohmann::json::parse("[0, 1, 2]"));
   EXPECT_FALSE(cv::imread(options_.overlay.still).empty());
+  EXPECT_THAT(log_.str(), HasSubstr("frames 0..2 of 6 (all final), 3..5 are missing"));
+}
+
+TEST_F(TrackCommandTest, AnInterruptDoesNotWaitForAnInputThatStalls) {
+  std::filesystem::remove(dir_.File("frames/3.png"));
+  ASSERT_EQ(mkfifo(dir_.File("frames/3.png").c_str(), 0600), 0);  // nobody ever writes to it
+  Points("1,10,20\n");
+  absl::Notification sent;
+  ScriptedTracker tracker([&sent](TrackObserver& observer, int64_t frame) {
+    observer.OnTracks(Window(frame, frame));
+    if (frame == 2) sent.Notify();
+    return absl::OkStatus();
+  });
+  std::thread interrupt([this, &sent] {
+    sent.WaitForNotification();
+    stop_.Stop();
+  });
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kCancelled, HasSubstr("interrupted")));
+  interrupt.join();
+  EXPECT_EQ(Tracks()["frames"], 3);
 }
 
 TEST(TrackOptionsTest, ValidateNamesWhatIsWrong) {

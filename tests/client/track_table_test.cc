@@ -25,8 +25,8 @@ PointRun RunOf(PointId id, int64_t first_frame, std::vector<float> x, int64_t fi
 TrackUpdate Update(int64_t frames, std::vector<PointRun> runs) { return {std::move(runs), frames, frames}; }
 
 float FinalX(const TrackTable& table, size_t track, int64_t frame) {
-  const TrackSample* sample = TrackTable::FinalSample(table.tracks()[track], frame);
-  return sample == nullptr ? -1 : sample->x;
+  const TrackSample* sample = TrackTable::Estimate(table.tracks()[track], frame);
+  return sample == nullptr || !sample->is_final() ? -1 : sample->x;
 }
 
 TEST(TrackTableTest, RevisionsReplaceProvisionalEstimatesAndFinalOnesStay) {
@@ -52,6 +52,19 @@ TEST(TrackTableTest, FramesAreFinalWhenEveryPointThatLivesThereIs) {
   EXPECT_EQ(table.final_frames(), 3);
   ASSERT_THAT(table.Apply(Update(5, {RunOf(2, 3, {1, 2}, 2), RunOf(1, 4, {4}, 1)})), IsOk());
   EXPECT_EQ(table.final_frames(), 5);
+}
+
+TEST(TrackTableTest, EstimatesReachToTheLastOneOfAnyPoint) {
+  TrackTable table({Start(1, 0), Start(2, 2)});
+  ASSERT_THAT(table.Apply(Update(9, {})), IsOk());
+  EXPECT_EQ(table.estimated_frames(), 0) << "frames without an estimate do not count";
+  ASSERT_THAT(table.Apply(Update(9, {RunOf(1, 0, {10, 11}, 1), RunOf(2, 5, {15, 16}, 0)})), IsOk());
+  EXPECT_EQ(table.estimated_frames(), 7);
+  EXPECT_EQ(TrackTable::Estimate(table.tracks()[0], 1)->x, 11) << "provisional ones count";
+  EXPECT_EQ(TrackTable::Estimate(table.tracks()[0], 2), nullptr);
+  EXPECT_EQ(TrackTable::Estimate(table.tracks()[1], 1), nullptr) << "before its start";
+  EXPECT_EQ(TrackTable::Estimate(table.tracks()[1], 4), nullptr) << "a gap before its first estimate";
+  EXPECT_EQ(TrackTable::Estimate(table.tracks()[1], 6)->x, 16);
 }
 
 TEST(TrackTableTest, APointThatNeverStartsDoesNotHoldTheOthersBack) {

@@ -33,6 +33,9 @@ TrackTable Example() {
 
 constexpr VideoFacts kVideo{{64, 48}, 10};
 
+constexpr TrackExtent Complete(int64_t frames) { return {frames, frames, frames, true}; }
+constexpr TrackExtent kPartial{3, 2, 7, false};
+
 std::string Content(const std::string& path) {
   std::stringstream out;
   out << std::ifstream(path, std::ios::binary).rdbuf();
@@ -57,32 +60,49 @@ TEST(TrackWriterTest, TheSuffixChoosesTheFormat) {
   EXPECT_THAT(TrackFormatOf("b.npy"), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("b.npy")));
 }
 
-TEST(TrackWriterTest, JsonHoldsTheFinalEstimatesOfEachPoint) {
+TEST(TrackWriterTest, JsonHoldsTheEstimatesOfEachPointAndSaysHowMuchThereIs) {
   const TempDir dir;
-  ASSERT_THAT(WriteTracks(dir.File("t.json"), Example(), kVideo), IsOk());
+  ASSERT_THAT(WriteTracks(dir.File("t.json"), Example(), kVideo, kPartial), IsOk());
   const auto json = nlohmann::json::parse(Content(dir.File("t.json")));
   EXPECT_EQ(json["width"], 64);
   EXPECT_EQ(json["height"], 48);
   EXPECT_EQ(json["fps"], 10);
   EXPECT_EQ(json["frames"], 3);
+  EXPECT_EQ(json["complete"], false);
+  EXPECT_EQ(json["final_frames"], 2);
+  EXPECT_EQ(json["expected_frames"], 7);
   ASSERT_EQ(json["points"].size(), 2u);
-  EXPECT_EQ(json["points"][0], nlohmann::json::parse(R"({"id": 4, "name": "nose \"x\"", "frames": [0, 1],
-      "xy": [[1.25, 10], [2.0, 20]], "visible": [true, true], "confidence": [0.5, 0.25]})"));
+  EXPECT_EQ(json["points"][0], nlohmann::json::parse(R"({"id": 4, "name": "nose \"x\"",
+      "frames": [0, 1, 2], "xy": [[1.25, 10], [2.0, 20], [3, 30]], "visible": [true, true, true],
+      "confidence": [0.5, 0.25, 1]})"));
   EXPECT_EQ(json["points"][1]["frames"], nlohmann::json::parse("[1, 2]"));
   EXPECT_EQ(json["points"][1]["visible"], nlohmann::json::parse("[false, true]"));
 }
 
-TEST(TrackWriterTest, CsvHasALineForEachFinalEstimate) {
+TEST(TrackWriterTest, ACompleteFileSaysSo) {
   const TempDir dir;
-  ASSERT_THAT(WriteTracks(dir.File("t.csv"), Example(), kVideo), IsOk());
-  EXPECT_EQ(Content(dir.File("t.csv")),
-            "id,frame,x,y,visible,confidence\n4,0,1.250,10.000,1,0.500\n4,1,2.000,20.000,1,0.250\n"
-            "9,1,7.000,70.000,0,0.125\n9,2,8.000,80.000,1,1.000\n");
+  TrackTable table({{{4, 0, 0}, 0, "4"}});
+  ASSERT_THAT(table.Apply({{{4, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 2}}, 2, 2}), IsOk());
+  ASSERT_THAT(WriteTracks(dir.File("t.json"), table, kVideo, Complete(2)), IsOk());
+  const auto json = nlohmann::json::parse(Content(dir.File("t.json")));
+  EXPECT_EQ(json["complete"], true);
+  for (const char* key : {"frames", "final_frames", "expected_frames"}) EXPECT_EQ(json[key], 2) << key;
+  ASSERT_THAT(WriteTracks(dir.File("t.npz"), table, kVideo, Complete(2)), IsOk());
+  EXPECT_EQ(ZipMember(dir.File("t.npz"), "complete.npy").back(), '\1');
+}
+
+TEST(TrackWriterTest, CsvHasALineForEachEstimate) {
+  const TempDir dir;
+  ASSERT_THAT(WriteTracks(dir.File("t.csv"), Example(), kVideo, kPartial), IsOk());
+  EXPECT_EQ(
+      Content(dir.File("t.csv")),
+      "id,frame,x,y,visible,confidence\n4,0,1.250,10.000,1,0.500\n4,1,2.000,20.000,1,0.250\n4,2,3.000,30.000,1,1.000\n"
+      "9,1,7.000,70.000,0,0.125\n9,2,8.000,80.000,1,1.000\n");
 }
 
 TEST(TrackWriterTest, NpzHoldsArraysOverPointsAndFramesWithNanWhereThereIsNoEstimate) {
   const TempDir dir;
-  ASSERT_THAT(WriteTracks(dir.File("t.npz"), Example(), kVideo), IsOk());
+  ASSERT_THAT(WriteTracks(dir.File("t.npz"), Example(), kVideo, kPartial), IsOk());
   const std::string tracks = ZipMember(dir.File("t.npz"), "tracks.npy");
   EXPECT_THAT(tracks, HasSubstr("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 2), }"));
   ASSERT_EQ(tracks.size(), 128 + 12 * sizeof(float));
@@ -90,26 +110,28 @@ TEST(TrackWriterTest, NpzHoldsArraysOverPointsAndFramesWithNanWhereThereIsNoEsti
   std::memcpy(xy, tracks.data() + 128, sizeof(xy));
   EXPECT_EQ(xy[0], 1.25f);
   EXPECT_EQ(xy[3], 20.0f);
-  EXPECT_TRUE(std::isnan(xy[4]));  // provisional
+  EXPECT_EQ(xy[4], 3.0f);          // provisional
   EXPECT_TRUE(std::isnan(xy[6]));  // before the point's start
   EXPECT_EQ(xy[8], 7.0f);
   const std::string visible = ZipMember(dir.File("t.npz"), "visible.npy");
   EXPECT_THAT(visible, HasSubstr("'|b1'"));
-  EXPECT_EQ(visible.substr(visible.size() - 6), std::string("\1\1\0\0\0\1", 6));
+  EXPECT_EQ(visible.substr(visible.size() - 6), std::string("\1\1\1\0\0\1", 6));
   EXPECT_THAT(ZipMember(dir.File("t.npz"), "ids.npy"), HasSubstr("'shape': (2,), }"));
 }
 
 TEST(TrackWriterTest, NumpyReadsTheNpz) {
   if (std::system("/usr/bin/python3 -c 'import numpy' 2>/dev/null") != 0) GTEST_SKIP() << "NumPy is not installed";
   const TempDir dir;
-  ASSERT_THAT(WriteTracks(dir.File("t.npz"), Example(), kVideo), IsOk());
+  ASSERT_THAT(WriteTracks(dir.File("t.npz"), Example(), kVideo, kPartial), IsOk());
   std::ofstream(dir.File("check.py")) << R"(
 import numpy, sys
 f = numpy.load(sys.argv[1])
 assert f['tracks'].shape == (2, 3, 2) and f['tracks'].dtype == numpy.float32
 assert f['tracks'][1, 1].tolist() == [7, 70] and numpy.isnan(f['tracks'][1, 0]).all()
-assert f['visible'].dtype == bool and f['visible'].tolist() == [[True, True, False], [False, False, True]]
-assert f['confidence'].dtype == numpy.float32 and f['confidence'][0].tolist() == [.5, .25, 0]
+assert f['visible'].dtype == bool and f['visible'].tolist() == [[True, True, True], [False, False, True]]
+assert f['confidence'].dtype == numpy.float32 and f['confidence'].tolist() == [[.5, .25, 1], [0, .125, 1]]
+assert f['complete'].dtype == bool and f['complete'].shape == () and not f['complete']
+assert f['final_frames'].dtype == numpy.int64 and f['final_frames'] == 2 and f['expected_frames'] == 7
 assert f['ids'].dtype == numpy.int64 and f['ids'].tolist() == [4, 9]
 )";
   EXPECT_EQ(std::system(("/usr/bin/python3 " + dir.File("check.py") + " " + dir.File("t.npz")).c_str()), 0);
@@ -118,7 +140,8 @@ assert f['ids'].dtype == numpy.int64 and f['ids'].tolist() == [4, 9]
 TEST(TrackWriterTest, ATableWithoutFramesIsWrittenToo) {
   const TempDir dir;
   const TrackTable table({{{1, 0, 0}, 0, "1"}});
-  for (const char* name : {"t.json", "t.csv", "t.npz"}) EXPECT_THAT(WriteTracks(dir.File(name), table, kVideo), IsOk());
+  for (const char* name : {"t.json", "t.csv", "t.npz"})
+    EXPECT_THAT(WriteTracks(dir.File(name), table, kVideo, Complete(0)), IsOk());
   EXPECT_THAT(ZipMember(dir.File("t.npz"), "tracks.npy"), HasSubstr("(1, 0, 2)"));
 }
 
@@ -149,9 +172,12 @@ TEST(WriteAtomicallyTest, TheTemporaryFileKeepsTheSuffixAndTheDirectory) {
   EXPECT_THAT(TemporaryName("/a/b.npz"), ::testing::EndsWith(".npz"));
 }
 
-TEST(CheckWritableTest, ADirectoryThatIsMissingIsNamed) {
+TEST(CheckWritableTest, WhereNoFileCanBeMadeIsNamed) {
   const TempDir dir;
   EXPECT_THAT(CheckWritable(dir.File("a.json")), IsOk());
+  EXPECT_EQ(dir.Count(), 0u) << "what was tried is gone";
+  // Not even root makes files there.
+  EXPECT_THAT(CheckWritable("/proc/a.json"), StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("/proc/a.json")));
   EXPECT_THAT(CheckWritable("a.json"), IsOk());
   EXPECT_THAT(CheckWritable(dir.File("no/a.json")), StatusIs(absl::StatusCode::kNotFound, HasSubstr("/no")));
   EXPECT_FALSE(CheckWritable(dir.path().string()).ok());

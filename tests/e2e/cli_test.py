@@ -6,9 +6,12 @@ Usage: cli_test.py HOLDFAST_SERVER HOLDFAST
 import csv
 import io
 import json
+import math
 import os
 import pathlib
+import re
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -21,7 +24,26 @@ from server_process import VIDEO, ServerProcess
 FRAMES = 30
 FEW_FRAMES = 12
 RESTING = (338, 458)  # a bag on the lawn
-SMALL = ["--processing_size=256x192", "--iterations=2", "--compute_threads=1"]
+SMALL = ["--processing_size=256x192", "--iterations=2", "--compute_threads=1", "--precision=float32"]
+WIDTH, HEIGHT = 128, 96
+SENT = 56  # frames of a run that is broken off
+WHOLE = 72  # frames of the run it is compared with
+
+
+def moving_picture(frames):
+    """A YUV4MPEG2 video, grey, whose texture moves one pixel to the right each frame; at most WHOLE frames."""
+    texture = [bytes(int(128 + 60 * math.sin(x * 0.35) * math.cos(y * 0.3) + 40 * math.sin(x * 0.11 + y * 0.17))
+                     for x in range(WIDTH + WHOLE)) for y in range(HEIGHT)]
+    grey = bytes([128]) * (WIDTH * HEIGHT // 2)
+    pictures = (b"".join(row[WHOLE - i:WHOLE - i + WIDTH] for row in texture) for i in range(frames))
+    return b"YUV4MPEG2 W%d H%d F10:1 Ip C420jpeg\n" % (WIDTH, HEIGHT) + b"".join(
+        b"FRAME\n" + picture + grey for picture in pictures)
+
+
+def npy(content):
+    """Header and data of a .npy file."""
+    length = struct.unpack("<H", content[8:10])[0]
+    return content[10:10 + length].decode(), content[10 + length:]
 
 
 class CliTest(unittest.TestCase):
@@ -80,11 +102,11 @@ class CliTest(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         with zipfile.ZipFile(self.path("t.npz")) as archive:
             self.assertIsNone(archive.testzip())
-            array = archive.read("tracks.npy")
-            header = array[10:10 + struct.unpack("<H", array[8:10])[0]].decode()
-            self.assertIn(f"'shape': (6, {FEW_FRAMES}, 2)", header)
+            self.assertIn(f"'shape': (6, {FEW_FRAMES}, 2)", npy(archive.read("tracks.npy"))[0])
+            self.assertEqual(npy(archive.read("complete.npy"))[1], b"\1")
             self.assertEqual(sorted(archive.namelist()),
-                             ["confidence.npy", "ids.npy", "tracks.npy", "visible.npy"])
+                             ["complete.npy", "confidence.npy", "expected_frames.npy", "final_frames.npy", "ids.npy",
+                              "tracks.npy", "visible.npy"])
 
     def test_info_says_what_the_server_runs(self):
         done = self.holdfast("info", f"--server={self.server.address}")
@@ -100,41 +122,98 @@ class CliTest(unittest.TestCase):
         self.assertIn(f"holdfast: server at {self.server.address}: ", done.stderr)
         self.assertFalse(self.path("t.json").exists())
 
-    def interrupted(self, server, stop):
-        """Runs until the first frames are final, then calls stop(client); returns code, errors and tracks."""
-        client = subprocess.Popen(**self.command("track", str(VIDEO), f"--server={server.address}", "--grid=30",
-                                                 f"--out={self.path('t.json')}", f"--overlay={self.path('o.mp4')}"))
-        overlay = self.path(f".o.{client.pid}.mp4")  # is there from the first final frame on
-        while not overlay.exists():
-            try:
-                client.wait(0.02)
-                self.fail("ended too early: " + client.communicate()[1])
-            except subprocess.TimeoutExpired:
-                pass
-        stop(client)
-        errors = client.communicate(timeout=60)[1]
-        return client.returncode, errors, json.loads(self.path("t.json").read_text())
+    def whole_run(self):
+        """The tracks of more frames than the runs that are broken off were given."""
+        self.path("whole.y4m").write_bytes(moving_picture(WHOLE))
+        done = self.holdfast("track", self.path("whole.y4m"), f"--server={self.server.address}", "--grid=9",
+                             f"--out={self.path('whole.json')}")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        tracks = json.loads(self.path("whole.json").read_text())
+        self.assertTrue(tracks["complete"])
+        self.assertEqual(tracks["final_frames"], WHOLE)
+        return tracks
 
-    def assert_partial(self, tracks):
-        frames = tracks["points"][0]["frames"]
-        self.assertGreater(len(frames), 0)
-        self.assertLess(len(frames), 160)
-        self.assertEqual(frames, list(range(len(frames))))
-        self.assertTrue(self.path("o.mp4").exists())
+    def break_off(self, server, out, stop):
+        """Feeds frames until the server has answered for many, keeps the input open and calls stop(client)."""
+        pipe = self.path("endless.y4m")
+        os.mkfifo(pipe)
+        tracked, final = 'holdfast_frames_total{result="tracked"}', "holdfast_final_latency_seconds_count"
+        tracked_before, final_before = server.metric(tracked), server.metric(final)
+        client = subprocess.Popen(**self.command("track", pipe, f"--server={server.address}", "--grid=9",
+                                                 f"--out={self.path(out)}", f"--overlay={self.path('o.mp4')}"))
+        with open(pipe, "wb", buffering=0) as stream:
+            stream.write(moving_picture(SENT))
+            server.wait_for_metric(tracked, tracked_before + SENT - 8)
+            server.wait_for_metric(final, final_before + 16)
+            stop(client)
+            errors = client.communicate(timeout=120)[1]  # the input is still open
+        match = re.search(r"kept in (\S+), (\S+): frames 0\.\.(\d+) of (\d+) \(0\.\.(\d+) are final\)", errors)
+        self.assertIsNotNone(match, errors)
+        self.assertEqual(match.groups()[:2], (str(self.path(out)), str(self.path("o.mp4"))))
+        last, sent, last_final = map(int, match.groups()[2:])
+        self.assertLess(last, sent)
+        self.assertGreaterEqual(last_final, 7)
+        self.assert_video_has(self.path("o.mp4"), last + 1)
+        self.assertEqual([name for name in os.listdir(self.directory.name) if name[0] == "."], [])
+        return client.returncode, errors, last + 1, last_final + 1
 
-    def test_an_interrupt_keeps_what_is_final(self):
-        code, errors, tracks = self.interrupted(self.server, lambda client: client.send_signal(signal.SIGINT))
-        self.assertEqual(code, 1)
-        self.assertIn("holdfast: interrupted", errors)
-        self.assert_partial(tracks)
+    def assert_video_has(self, video, frames):
+        done = self.holdfast("track", video, f"--server={self.server.address}", "--grid=1",
+                             f"--out={self.path('again.json')}")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(json.loads(self.path("again.json").read_text())["frames"], frames)
 
-    def test_the_death_of_the_server_is_told_and_keeps_what_is_final(self):
+    def assert_final_as_in(self, whole, final_frames, position):
+        """position(point index, frame): x and y of the run that was broken off."""
+        for index, point in enumerate(whole["points"]):
+            for frame in range(final_frames):
+                for got, wanted in zip(position(index, frame), point["xy"][frame]):
+                    self.assertAlmostEqual(got, wanted, delta=0.0011, msg=f"point {index}, frame {frame}")
+
+    def test_the_death_of_the_server_keeps_what_came_and_says_what_is_missing(self):
         server = ServerProcess(self.server_program, *SMALL)
         self.addCleanup(server.stop)
-        code, errors, tracks = self.interrupted(server, lambda client: server.kill())
+        code, errors, frames, final = self.break_off(server, "t.json", lambda client: server.kill())
         self.assertEqual(code, 1)
-        self.assertIn(f"holdfast: server at {server.address} is unavailable", errors)
-        self.assert_partial(tracks)
+        self.assertRegex(errors, f"holdfast: server at {server.address} is unavailable: .*the last frame sent is")
+        tracks = json.loads(self.path("t.json").read_text())
+        self.assertEqual((tracks["complete"], tracks["frames"], tracks["final_frames"]), (False, frames, final))
+        for point in tracks["points"]:
+            self.assertEqual(point["frames"], list(range(frames)))
+        self.assert_final_as_in(self.whole_run(), final, lambda index, frame: tracks["points"][index]["xy"][frame])
+
+    def test_an_interrupt_keeps_what_came_in_a_csv(self):
+        code, errors, frames, final = self.break_off(self.server, "t.csv",
+                                                     lambda client: client.send_signal(signal.SIGINT))
+        self.assertEqual(code, 130)
+        self.assertIn("holdfast: interrupted\n", errors)
+        rows = list(csv.DictReader(io.StringIO(self.path("t.csv").read_text())))
+        self.assertEqual(len(rows), 9 * frames)
+        positions = [(float(row["x"]), float(row["y"])) for row in rows]
+        self.assert_final_as_in(self.whole_run(), final, lambda index, frame: positions[index * frames + frame])
+
+    def test_a_termination_keeps_what_came_in_an_npz(self):
+        code, errors, frames, final = self.break_off(self.server, "t.npz", lambda client: client.terminate())
+        self.assertEqual(code, 143)
+        self.assertIn("holdfast: interrupted\n", errors)
+        with zipfile.ZipFile(self.path("t.npz")) as archive:
+            header, data = npy(archive.read("tracks.npy"))
+            self.assertIn(f"'shape': (9, {frames}, 2)", header)
+            self.assertEqual(npy(archive.read("complete.npy"))[1], b"\0")
+            self.assertEqual(npy(archive.read("final_frames.npy"))[1], struct.pack("<q", final))
+        xy = struct.unpack(f"<{9 * frames * 2}f", data)
+        self.assert_final_as_in(self.whole_run(), final,
+                                lambda index, frame: xy[2 * (index * frames + frame):][:2])
+
+    def test_an_interrupt_before_a_session_ends_at_once(self):
+        with socket.create_server(("127.0.0.1", 0)) as silent:
+            client = subprocess.Popen(**self.command("info", "--server=127.0.0.1:%d" % silent.getsockname()[1],
+                                                     "--connect_timeout=1h"))
+            connection = silent.accept()[0]
+            client.send_signal(signal.SIGINT)
+            client.communicate(timeout=60)
+            connection.close()
+        self.assertEqual(client.returncode, 130)
 
 
 if __name__ == "__main__":

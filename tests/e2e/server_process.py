@@ -4,6 +4,7 @@ import os
 import pathlib
 import subprocess
 import tempfile
+import urllib.request
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 VIDEO = SOURCE / "media" / "pedestrians.mp4"
@@ -27,6 +28,7 @@ class ServerProcess:
                 raise RuntimeError(f"the server ended with {self.process.returncode}: {self.log.read()}")
         lines = dict(line.split("=") for line in ports.read_text().split())
         self.address = f"127.0.0.1:{lines['grpc']}"
+        self.metrics = f"http://127.0.0.1:{lines['metrics']}/metrics"
 
     def _ended_within(self, seconds):
         try:
@@ -34,6 +36,21 @@ class ServerProcess:
             return True
         except subprocess.TimeoutExpired:
             return False
+
+    def metric(self, name):
+        with urllib.request.urlopen(self.metrics) as page:
+            lines = page.read().decode().splitlines()
+        return next(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " "))
+
+    def wait_for_metric(self, name, least):
+        """Returns once the metric is at least so large."""
+        for _ in range(2400):
+            value = self.metric(name)
+            if value >= least:
+                return
+            if self._ended_within(0.05):
+                raise RuntimeError(f"the server ended with {self.process.returncode}")
+        raise TimeoutError(f"{name} is {value}, not {least}")
 
     def kill(self):
         self.process.kill()
