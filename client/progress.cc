@@ -25,8 +25,8 @@ void Progress::Update(int64_t done, int64_t lag) {
   if (closed_) return;
   done_ = done;
   lag_ = lag;
-  const absl::Time now = options_.now();
-  if (now - last_drawn_ < (options_.terminal ? kRedraw : kPlainLine)) return;
+  const SteadyTime now = options_.now();
+  if (Between(last_drawn_, now) < (options_.terminal ? kRedraw : kPlainLine)) return;
   last_drawn_ = now;
   Draw();
 }
@@ -39,7 +39,7 @@ void Progress::Close() {
 }
 
 std::string Progress::Line() const {
-  const double seconds = absl::ToDoubleSeconds(options_.now() - start_);
+  const double seconds = absl::ToDoubleSeconds(Between(start_, options_.now()));
   const double rate = seconds > 0 ? static_cast<double>(done_) / seconds : 0;
   const std::string total = options_.total > 0 ? absl::StrCat("/", options_.total) : "";
   return absl::StrFormat("%d%s frames  %.1f frames/s  lag %d", done_, total, rate, lag_);

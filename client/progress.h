@@ -6,7 +6,7 @@
 #include <ostream>
 #include <string>
 
-#include "absl/time/time.h"
+#include "proto/clock.h"
 
 namespace holdfast {
 
@@ -17,7 +17,7 @@ class Progress {
   struct Options {
     bool terminal = false;
     int64_t total = 0;  // frames; 0: not known
-    std::function<absl::Time()> now;
+    std::function<SteadyTime()> now;
   };
 
   // 'out' is not owned.
@@ -35,8 +35,8 @@ class Progress {
 
   const Options options_;
   std::ostream& out_;
-  const absl::Time start_;
-  absl::Time last_drawn_;
+  const SteadyTime start_;
+  SteadyTime last_drawn_;
   int64_t done_ = 0;
   int64_t last_done_ = -1;  // as drawn
   int64_t lag_ = 0;

@@ -36,12 +36,11 @@ absl::Status RemoteStream::Start(const SessionConfig& config, absl::Duration ans
   *request.mutable_config() = ToProto(config);
   const absl::Status written = Write(request);
   if (!written.ok()) return written;
-  const auto answered = [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return accepted_ || end_.has_value(); };
-  absl::MutexLock lock(&mutex_);
-  if (!mutex_.AwaitWithTimeout(absl::Condition(&answered), answer_timeout)) {
+  if (!answered_.WaitFor(answer_timeout)) {
     return absl::DeadlineExceededError(absl::StrCat("holdfast: server at ", address_, " did not answer within ",
                                                     absl::FormatDuration(answer_timeout)));
   }
+  absl::MutexLock lock(&mutex_);
   return accepted_ || end_->ok() ? absl::OkStatus() : *end_;
 }
 
@@ -101,6 +100,7 @@ void RemoteStream::ReadUntilTheEnd() {
   {
     absl::MutexLock lock(&mutex_);
     end_ = end;
+    answered_.Notify();
   }
   observer_.OnDone(end, summary_.value_or(SessionSummary{}));
   absl::MutexLock lock(&mutex_);
@@ -134,6 +134,7 @@ absl::Status RemoteStream::DeliverAccepted(const v1::SessionAccepted& message) {
   observer_.OnAccepted(*accepted);
   absl::MutexLock lock(&mutex_);
   accepted_ = true;
+  answered_.Notify();
   return absl::OkStatus();
 }
 

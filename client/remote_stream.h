@@ -17,6 +17,7 @@
 #include "absl/synchronization/mutex.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
 #include "proto/point_tracker.h"
+#include "proto/steady_event.h"
 
 namespace holdfast {
 
@@ -57,6 +58,7 @@ class RemoteStream final : public TrackStream {
   bool half_closed_ = false;               // of the writing thread
   std::optional<SessionSummary> summary_;  // of the reading thread
 
+  SteadyEvent answered_;  // accepted_ or end_ was set
   absl::Mutex mutex_;
   bool accepted_ ABSL_GUARDED_BY(mutex_) = false;
   std::optional<absl::Status> end_ ABSL_GUARDED_BY(mutex_);  // how the session ended

@@ -11,6 +11,7 @@
 #include "holdfast/v1/point_tracking.grpc.pb.h"
 #include "proto/convert.h"
 #include "proto/errors.h"
+#include "proto/grpc_deadline.h"
 #include "proto/grpc_status.h"
 
 namespace holdfast {
@@ -35,7 +36,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const RemoteTracker::Options& options
 grpc::Status AskInfo(const std::shared_ptr<grpc::Channel>& channel, absl::Duration timeout,
                      v1::GetServerInfoResponse* response) {
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+  context.set_deadline(SteadyDeadline(timeout));
   return v1::PointTracking::NewStub(channel)->GetServerInfo(&context, v1::GetServerInfoRequest(), response);
 }
 
@@ -64,7 +65,7 @@ absl::StatusOr<std::unique_ptr<RemoteTracker>> RemoteTracker::Connect(const Opti
   const absl::Status valid = options.Validate();
   if (!valid.ok()) return valid;
   std::shared_ptr<grpc::Channel> channel = MakeChannel(options);
-  if (!channel->WaitForConnected(absl::ToChronoTime(absl::Now() + options.connect_timeout))) {
+  if (!channel->WaitForConnected(SteadyDeadline(options.connect_timeout))) {
     const absl::Status reason = WhyNotConnected(channel, options.address);
     if (!reason.ok()) return reason;
   }

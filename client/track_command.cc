@@ -12,7 +12,6 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
-#include "absl/time/clock.h"
 #include "client/atomic_file.h"
 #include "client/frame_reader.h"
 #include "client/progress.h"
@@ -20,6 +19,7 @@
 #include "client/track_table.h"
 #include "client/track_writer.h"
 #include "client/video.h"
+#include "proto/clock.h"
 
 namespace holdfast {
 namespace {
@@ -43,7 +43,7 @@ class TrackRun final : public TrackObserver {
         reader_(std::move(source)),
         overlay_(options.overlay, facts_),
         table_(points),
-        progress_({environment.terminal, total_frames_, [] { return absl::Now(); }}, environment.log) {
+        progress_({environment.terminal, total_frames_, [] { return SystemClock().SteadyNow(); }}, environment.log) {
     for (const StartPoint& point : points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
   }
 

@@ -11,7 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "flags/program_flags.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
 #include "server/engine/engine.h"
 #include "server/flags.h"
 #include "server/http_endpoint.h"

@@ -6,11 +6,11 @@
 #include <grpcpp/health_check_service_interface.h>
 
 #include <algorithm>
-#include <chrono>
 #include <limits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "proto/grpc_deadline.h"
 
 namespace holdfast {
 namespace {
@@ -19,7 +19,7 @@ namespace {
 constexpr int64_t kMessageSlackBytes = 1 << 20;
 constexpr int kWaitingStreams = 32;  // streams without a session yet, beside the sessions
 constexpr int kMinClientPingMs = 10'000;
-constexpr std::chrono::seconds kCloseTime(1);  // for the last bytes and for streams of health watchers
+constexpr absl::Duration kCloseTime = absl::Seconds(1);  // for the last bytes and for streams of health watchers
 
 int Milliseconds(absl::Duration duration) {
   return static_cast<int>(
@@ -51,7 +51,7 @@ Server::Server(const ServerOptions& options, Clock& clock, ServerEvents& events,
     : service_(ServiceOptions(options), clock, events, std::move(log)) {}
 
 Server::~Server() {
-  if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now());
+  if (server_ != nullptr) server_->Shutdown(SteadyDeadline(absl::ZeroDuration()));
 }
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options, Clock& clock, ServerEvents& events,
@@ -91,7 +91,7 @@ void Server::Drain() {
   lifecycle_.Advance(LifecycleState::kDraining);
   SetHealth(false);
   service_.Drain();
-  server_->Shutdown(std::chrono::system_clock::now() + kCloseTime);
+  server_->Shutdown(SteadyDeadline(kCloseTime));
   lifecycle_.Advance(LifecycleState::kStopped);
 }
 

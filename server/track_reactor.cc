@@ -22,7 +22,7 @@ bool IsServersFault(const absl::Status& status) {
 
 TrackReactor::TrackReactor(Deps deps, grpc::CallbackServerContext* context)
     : deps_(std::move(deps)),
-      started_(deps_.clock.Now()),
+      started_(deps_.clock.SteadyNow()),
       context_(context),
       log_(deps_.log),
       last_activity_(started_) {
@@ -39,7 +39,7 @@ void TrackReactor::OnReadDone(bool ok) {
   EngineSession* session;
   {
     absl::MutexLock lock(&mu_);
-    last_activity_ = deps_.clock.Now();
+    last_activity_ = deps_.clock.SteadyNow();
     if (input_closed_ || cancelled_ || done_) return;
     session = session_.get();
   }
@@ -123,7 +123,7 @@ void TrackReactor::OnWriteDone(bool ok) {
   {
     absl::MutexLock lock(&mu_);
     writing_ = false;
-    last_activity_ = deps_.clock.Now();
+    last_activity_ = deps_.clock.SteadyNow();
     if (!ok) cancelled_ = true;
     MaybeWriteLocked();
     MaybeReadLocked();
@@ -154,7 +154,7 @@ void TrackReactor::OnDone() {
 
 void TrackReactor::OnTracks(TrackUpdate update) {
   absl::MutexLock lock(&mu_);
-  last_activity_ = deps_.clock.Now();
+  last_activity_ = deps_.clock.SteadyNow();
   if (cancelled_) return;
   outbox_.Add(std::move(update));
   MaybeWriteLocked();
@@ -171,7 +171,7 @@ void TrackReactor::OnWarning(const absl::Status& warning) {
 void TrackReactor::OnRoomForFrame() {
   absl::MutexLock lock(&mu_);
   full_ = false;
-  last_activity_ = deps_.clock.Now();
+  last_activity_ = deps_.clock.SteadyNow();
   MaybeReadLocked();
 }
 
@@ -182,12 +182,12 @@ void TrackReactor::OnDone(const absl::Status& status, const SessionSummary& summ
   MaybeWriteLocked();
 }
 
-void TrackReactor::CheckTime(absl::Time now) {
+void TrackReactor::CheckTime(SteadyTime now) {
   absl::Status late;
   {
     absl::MutexLock lock(&mu_);
     if (finished_ || cancelled_) return;
-    const absl::Duration quiet = now - last_activity_;
+    const absl::Duration quiet = Between(last_activity_, now);
     if (writing_) {
       if (quiet < deps_.options.idle_timeout) return;
       log_->info("the client does not read; cutting it off");
@@ -195,7 +195,7 @@ void TrackReactor::CheckTime(absl::Time now) {
     }
     if (input_closed_ || done_) return;
     if (session_ == nullptr) {
-      if (now - started_ < deps_.options.first_message_timeout) return;
+      if (Between(started_, now) < deps_.options.first_message_timeout) return;
       late = absl::DeadlineExceededError("the config did not come in time");
     } else {
       if (!reading_ || quiet < deps_.options.idle_timeout) return;
@@ -240,7 +240,7 @@ void TrackReactor::MaybeWriteLocked() {
   if (writing_ || finished_) return;
   if (cancelled_ || !NextResponseLocked()) return MaybeFinishLocked();
   writing_ = true;
-  last_activity_ = deps_.clock.Now();
+  last_activity_ = deps_.clock.SteadyNow();
   StartWrite(&response_);
 }
 

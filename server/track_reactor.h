@@ -14,7 +14,7 @@
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include "holdfast/v1/point_tracking.pb.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
 #include "server/engine/engine.h"
 #include "server/outbox.h"
 
@@ -46,7 +46,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::
   TrackReactor(Deps deps, grpc::CallbackServerContext* context);
 
   // Called by the owner now and then: ends a stream whose client keeps it waiting for too long.
-  void CheckTime(absl::Time now) ABSL_LOCKS_EXCLUDED(mu_);
+  void CheckTime(SteadyTime now) ABSL_LOCKS_EXCLUDED(mu_);
   // Takes nothing more from the client and ends with 'status' once the results of what was taken are sent.
   void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mu_);
   // Ends at once.
@@ -76,7 +76,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::
   void LogEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
 
   const Deps deps_;
-  const absl::Time started_;
+  const SteadyTime started_;
   // The buffers belong to gRPC while a read or a write is in flight.
   v1::TrackRequest request_;
   v1::TrackResponse response_;
@@ -91,7 +91,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::
   bool input_closed_ ABSL_GUARDED_BY(mu_) = false;  // nothing more is taken from the client
   bool cancelled_ ABSL_GUARDED_BY(mu_) = false;     // nothing can be sent any more
   bool finished_ ABSL_GUARDED_BY(mu_) = false;
-  absl::Time last_activity_ ABSL_GUARDED_BY(mu_);
+  SteadyTime last_activity_ ABSL_GUARDED_BY(mu_);
   std::optional<SessionAccepted> accepted_ ABSL_GUARDED_BY(mu_);  // not sent yet
   std::vector<absl::Status> warnings_ ABSL_GUARDED_BY(mu_);
   Outbox outbox_ ABSL_GUARDED_BY(mu_);

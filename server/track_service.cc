@@ -34,6 +34,7 @@ TrackService::~TrackService() {
     absl::MutexLock lock(&mu_);
     mu_.Await(absl::Condition(this, &TrackService::IdleLocked));
     stopping_ = true;
+    work_.Notify();
   }
   housekeeper_.join();
 }
@@ -45,12 +46,12 @@ void TrackService::Serve(Engine& engine) {
 
 void TrackService::Drain() {
   absl::MutexLock lock(&mu_);
-  drain_began_ = clock_.Now();
+  drain_began_ = clock_.SteadyNow();
   mu_.Await(absl::Condition(this, &TrackService::IdleLocked));
 }
 
 absl::Status TrackService::AdmitLocked() {
-  if (drain_began_ != absl::InfiniteFuture()) {
+  if (drain_began_) {
     events_.StreamRefused(RefusalReason::kDraining);
     return absl::UnavailableError("the server is shutting down");
   }
@@ -97,13 +98,14 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
 void TrackService::Retire(TrackReactor* reactor) {
   absl::MutexLock lock(&mu_);
   retired_.push_back(reactor);
+  work_.Notify();  // under the lock: once the last reactor is destroyed, so is this service
 }
 
 void TrackService::KeepHouse() {
   while (true) {
+    work_.WaitFor(kHousekeepingPeriod);
     {
       absl::MutexLock lock(&mu_);
-      mu_.AwaitWithTimeout(absl::Condition(this, &TrackService::HasWorkLocked), kHousekeepingPeriod);
       if (stopping_) return;
     }
     DestroyRetired();
@@ -127,12 +129,12 @@ void TrackService::DestroyRetired() {
 // Only this thread destroys reactors, so that the pointers stay good without the lock.
 void TrackService::CheckStreams() {
   std::vector<TrackReactor*> streams;
-  absl::Duration draining_for;
-  const absl::Time now = clock_.Now();
+  absl::Duration draining_for = -absl::InfiniteDuration();  // there is no drain
+  const SteadyTime now = clock_.SteadyNow();
   {
     absl::MutexLock lock(&mu_);
     for (const auto& [reactor, owner] : live_) streams.push_back(reactor);
-    draining_for = now - drain_began_;  // minus infinity when there is no drain
+    if (drain_began_) draining_for = Between(*drain_began_, now);
   }
   for (TrackReactor* stream : streams) {
     stream->CheckTime(now);

@@ -4,6 +4,7 @@
 #include <spdlog/logger.h>
 
 #include <memory>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -12,7 +13,8 @@
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
+#include "proto/steady_event.h"
 #include "server/engine/engine.h"
 #include "server/events.h"
 #include "server/track_reactor.h"
@@ -51,7 +53,6 @@ class TrackService final : public v1::PointTracking::CallbackService {
   void KeepHouse() ABSL_LOCKS_EXCLUDED(mu_);
   void DestroyRetired() ABSL_LOCKS_EXCLUDED(mu_);
   void CheckStreams() ABSL_LOCKS_EXCLUDED(mu_);
-  bool HasWorkLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_) { return !retired_.empty() || stopping_; }
   bool IdleLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_) { return alive_ == 0; }
 
   const Options options_;
@@ -61,11 +62,12 @@ class TrackService final : public v1::PointTracking::CallbackService {
 
   absl::Mutex mu_;
   Engine* engine_ ABSL_GUARDED_BY(mu_) = nullptr;
-  absl::Time drain_began_ ABSL_GUARDED_BY(mu_) = absl::InfiniteFuture();
+  std::optional<SteadyTime> drain_began_ ABSL_GUARDED_BY(mu_);
   bool stopping_ ABSL_GUARDED_BY(mu_) = false;
   int alive_ ABSL_GUARDED_BY(mu_) = 0;  // reactors not destroyed yet
   absl::flat_hash_map<TrackReactor*, std::unique_ptr<TrackReactor>> live_ ABSL_GUARDED_BY(mu_);
   std::vector<TrackReactor*> retired_ ABSL_GUARDED_BY(mu_);  // of live_; gRPC has let go of them
+  SteadyEvent work_;                                         // something was retired, or stopping_ was set
   std::thread housekeeper_;
 };
 

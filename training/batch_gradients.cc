@@ -46,10 +46,10 @@ absl::Status BatchGradients::OpenLoader(int64_t batch, double progress) {
 
 absl::Status BatchGradients::Add(int64_t batch, double progress, StepTimes& times, LossValues& sum) {
   if (const absl::Status status = OpenLoader(batch, progress); !status.ok()) return status;
-  const absl::Time begin = parts_.clock->Now();
+  const SteadyTime begin = parts_.clock->SteadyNow();
   const absl::StatusOr<std::vector<Sample>> samples = loader_->Next();
   if (!samples.ok()) return samples.status();
-  times.data += parts_.clock->Now() - begin;
+  times.data += parts_.clock->Since(begin);
   const int64_t first_draw = (batch * parts_.group->world() + parts_.group->rank()) * recipe_.batch_size;
   const ClipStepOptions options = {
       recipe_.LossAt(progress), {recipe_.noisy_start, recipe_.streaming_windows}, phase_->iterations};

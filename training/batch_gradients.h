@@ -6,7 +6,7 @@
 
 #include "absl/status/status.h"
 #include "model/point_model.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
 #include "training/clip_source.h"
 #include "training/distributed.h"
 #include "training/recipe.h"

@@ -33,23 +33,23 @@ ClipStepResult AddClipGradient(PointModelImpl& network, const ClipTensors& clip,
   const ClipWindowPlan plan = PlanWindow(clip.targets, larger_side, options.window, rng);
   const ClipTargets targets =
       plan.distinct_frames == clip.frames.size(0) ? clip.targets : RepeatTail(clip.targets, plan.distinct_frames);
-  const absl::Time begin = clock.Now();
+  const SteadyTime begin = clock.SteadyNow();
   Prediction prediction;
   prediction.stride = stride;
   prediction.maps = EncodeWindow(network, clip.frames, plan.distinct_frames);
-  const absl::Time encoded = clock.Now();
+  const SteadyTime encoded = clock.SteadyNow();
   const auto trajectory = network.Unroll(prediction.maps, plan.start / static_cast<double>(stride), options.iterations);
   for (const torch::Tensor& xy : trajectory.positions) {
     prediction.positions.push_back(xy * static_cast<double>(stride));
   }
   prediction.visibility_logit = trajectory.visibility_logit;
   const LossParts parts = ClipLoss(prediction, targets, options.loss);
-  const absl::Time refined = clock.Now();
+  const SteadyTime refined = clock.SteadyNow();
   parts.total.backward();
   ClipStepResult result = {ValuesOf(parts), {}};
-  result.times.encode = encoded - begin;
-  result.times.refine = refined - encoded;
-  result.times.backward = clock.Now() - refined;
+  result.times.encode = Between(begin, encoded);
+  result.times.refine = Between(encoded, refined);
+  result.times.backward = clock.Since(refined);
   return result;
 }
 

@@ -3,7 +3,7 @@
 
 #include "absl/time/time.h"
 #include "model/point_model.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
 #include "training/clip_targets.h"
 #include "training/losses.h"
 #include "training/rng.h"

@@ -12,7 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "flags/program_flags.h"
 #include "model/file_io.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
 #include "training/evaluate_flags.h"
 #include "training/evaluator.h"
 #include "training/report.h"

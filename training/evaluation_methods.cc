@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/metrics.h"
 #include "training/lk_baseline.h"

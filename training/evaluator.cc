@@ -45,13 +45,13 @@ Metrics Score(const Trial& trial, ClipEstimate estimate) {
 }
 
 absl::StatusOr<SequenceReport> RunMethod(const Trial& trial, ClipTracker& method, const Clock& clock) {
-  const absl::Time start = clock.Now();
+  const SteadyTime start = clock.SteadyNow();
   absl::StatusOr<ClipEstimate> estimate = method.Track(trial.clip, trial.query_frames);
   if (!estimate.ok()) {
     return absl::Status(estimate.status().code(), absl::StrCat(method.name(), ": ", estimate.status().message()));
   }
   SequenceReport report;
-  report.seconds = absl::ToDoubleSeconds(clock.Now() - start);
+  report.seconds = absl::ToDoubleSeconds(clock.Since(start));
   report.name = trial.clip.source;
   report.frames = trial.clip.num_frames();
   report.points = trial.clip.num_points();

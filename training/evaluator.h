@@ -10,8 +10,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "proto/clock.h"
 #include "proto/types.h"
-#include "server/engine/clock.h"
 #include "training/clip_tracker.h"
 #include "training/dataset.h"
 #include "training/metrics.h"

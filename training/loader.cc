@@ -2,7 +2,6 @@
 #include "training/loader.h"
 
 #include <algorithm>
-#include <atomic>
 #include <exception>
 #include <map>
 #include <thread>
@@ -11,7 +10,6 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
-#include "absl/time/clock.h"
 
 namespace holdfast {
 namespace {
@@ -87,20 +85,13 @@ class DirectLoader : public Loader {
   DirectLoader(const Dataset& dataset, const LoaderOptions& options)
       : maker_(dataset, options), next_(options.first_batch) {}
 
-  absl::StatusOr<Batch> Next() override {
-    const absl::Time start = absl::Now();
-    absl::StatusOr<Batch> batch = maker_.Make(next_++);
-    wait_nanoseconds_ += absl::ToInt64Nanoseconds(absl::Now() - start);
-    return batch;
-  }
-  absl::Duration data_wait() const override { return absl::Nanoseconds(wait_nanoseconds_.load()); }
+  absl::StatusOr<Batch> Next() override { return maker_.Make(next_++); }
   int64_t skipped() const override { return maker_.skipped(); }
   std::string last_error() const override { return maker_.last_error(); }
 
  private:
   BatchMaker maker_;
   int64_t next_;
-  std::atomic<int64_t> wait_nanoseconds_{0};
 };
 
 // Workers claim batch numbers in order, make them in parallel and leave them in 'ready_', where Next() picks them up in
@@ -124,19 +115,13 @@ class PrefetchingLoader : public Loader {
   }
 
   absl::StatusOr<Batch> Next() override {
-    const absl::Time start = absl::Now();
     absl::MutexLock lock(&mutex_);
     mutex_.Await(absl::Condition(this, &PrefetchingLoader::WantedIsReadyLocked));
     auto node = ready_.extract(wanted_);
     ++wanted_;
-    wait_ += absl::Now() - start;
     return std::move(node.mapped());
   }
 
-  absl::Duration data_wait() const override {
-    absl::MutexLock lock(&mutex_);
-    return wait_;
-  }
   int64_t skipped() const override { return maker_.skipped(); }
   std::string last_error() const override { return maker_.last_error(); }
 
@@ -167,7 +152,6 @@ class PrefetchingLoader : public Loader {
   int64_t wanted_ ABSL_GUARDED_BY(mutex_);     // the batch Next() gives next
   int64_t unclaimed_ ABSL_GUARDED_BY(mutex_);  // the first batch no worker has begun
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
-  absl::Duration wait_ ABSL_GUARDED_BY(mutex_);
   std::map<int64_t, absl::StatusOr<Batch>> ready_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::thread> threads_;  // last: they use all of the above
 };

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "absl/time/time.h"
 #include "training/dataset.h"
 
 namespace holdfast {
@@ -41,8 +40,6 @@ class Loader {
   // row failed; the next call then goes on with the batch after.
   virtual absl::StatusOr<std::vector<Sample>> Next() = 0;
 
-  // Time callers of Next() spent waiting since the loader was made.
-  virtual absl::Duration data_wait() const = 0;
   // Samples skipped as damaged so far, and what the last of them said (empty: none yet).
   virtual int64_t skipped() const = 0;
   virtual std::string last_error() const = 0;

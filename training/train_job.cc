@@ -35,7 +35,7 @@ absl::StatusOr<std::unique_ptr<ObserverList>> OpenLogs(const TrainRequest& reque
   absl::StatusOr<std::unique_ptr<TrainingObserver>> json = OpenJsonLog(directory + "/log.jsonl");
   if (!json.ok()) return json.status();
   observers->Add(*std::move(json));
-  absl::StatusOr<std::unique_ptr<TrainingObserver>> events = OpenEventLog(directory + "/events", clock.Now());
+  absl::StatusOr<std::unique_ptr<TrainingObserver>> events = OpenEventLog(directory + "/events", clock.WallNow());
   if (!events.ok()) return events.status();
   observers->Add(*std::move(events));
   if (request.metrics_address.empty()) return observers;

@@ -63,7 +63,7 @@ class TrainerImpl : public Trainer {
   const Recipe& recipe() const { return options_.recipe; }
   bool leads() const { return parts_.group->rank() == 0; }
   bool Done() const { return progress_ >= 1; }
-  absl::Duration Elapsed() const { return elapsed_before_ + (parts_.clock->Now() - run_began_); }
+  absl::Duration Elapsed() const { return elapsed_before_ + parts_.clock->Since(run_began_); }
 
   absl::Status Loop();
   absl::Status Step();
@@ -82,7 +82,7 @@ class TrainerImpl : public Trainer {
   torch::optim::AdamW optimizer_;
   TrainingState state_;  // but for the optimizer and the average, which are filled in when it is saved
   double progress_ = 0;  // share of the training done
-  absl::Time run_began_;
+  SteadyTime run_began_;
   absl::Duration elapsed_before_;  // in earlier runs
   int64_t skipped_in_row_ = 0;
   bool stop_ = false;
@@ -136,7 +136,7 @@ absl::Status TrainerImpl::AgreeOnStart() {
 }
 
 absl::StatusOr<TrainingSummary> TrainerImpl::Run() {
-  run_began_ = parts_.clock->Now();
+  run_began_ = parts_.clock->SteadyNow();
   elapsed_before_ = state_.elapsed;
   try {
     absl::Status status = Loop();
@@ -184,7 +184,7 @@ double TrainerImpl::ProgressAt(int64_t step, absl::Duration elapsed) const {
 }
 
 absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra) {
-  const absl::Time begin = parts_.clock->Now();
+  const SteadyTime begin = parts_.clock->SteadyNow();
   extra[kStop] = parts_.stop->load() ? 1 : 0;
   extra[kProgress] = leads() ? ProgressAt(state_.step + 1, Elapsed()) : 0;
   report.clips = recipe().batch_size * recipe().accumulate * parts_.group->world();
@@ -199,7 +199,7 @@ absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra)
     gradients_.Refresh();
   }
   ClearGradients(parts_.model->parameters());
-  report.times.update = parts_.clock->Now() - begin;
+  report.times.update = parts_.clock->Since(begin);
   return absl::OkStatus();
 }
 
@@ -216,7 +216,7 @@ void TrainerImpl::Finish(StepReport& report, const std::vector<double>& extra) {
   report.step = state_.step;
   report.steps = recipe().steps;
   report.progress = progress_;
-  report.when = parts_.clock->Now();
+  report.when = parts_.clock->WallNow();
   report.elapsed = Elapsed();
   report.skipped_steps = state_.skipped_steps;
   report.skipped_samples = gradients_.skipped_samples();
@@ -233,7 +233,7 @@ absl::Status TrainerImpl::Guard(bool finite) {
 
 absl::Status TrainerImpl::Validate() {
   if (parts_.validation == nullptr || options_.validate_every == 0 || !leads()) return absl::OkStatus();
-  const absl::Time begin = parts_.clock->Now();
+  const SteadyTime begin = parts_.clock->SteadyNow();
   PointModel network(parts_.model->options());
   network->to(options_.device);
   average_.CopyTo(*network);
@@ -241,8 +241,8 @@ absl::Status TrainerImpl::Validate() {
   if (!metrics.ok()) return metrics.status();
   ValidationReport report;
   report.step = state_.step;
-  report.when = parts_.clock->Now();
-  report.took = report.when - begin;
+  report.when = parts_.clock->WallNow();
+  report.took = parts_.clock->Since(begin);
   report.metrics = *metrics;
   report.best = metrics->delta_vis.value_or(-1) > state_.best;
   parts_.observer->Validated(report);
@@ -270,7 +270,7 @@ absl::Status TrainerImpl::Checkpoint() {
   state.optimizer = *std::move(optimizer);
   state.average = average_.tensors();
   state.average_updates = average_.updates();
-  return SaveTrainingCheckpoint(options_.directory, *parts_.model, state);
+  return SaveTrainingCheckpoint(options_.directory, *parts_.model, state, parts_.clock->WallNow());
 }
 
 }  // namespace

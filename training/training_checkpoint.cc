@@ -13,7 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
-#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "model/checkpoint.h"
 
 namespace holdfast {
@@ -134,11 +134,11 @@ absl::StatusOr<TrainingCheckpoint> ReadPair(const std::string& directory, int64_
 }  // namespace
 
 absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointModelImpl& model,
-                                    const TrainingState& state) {
+                                    const TrainingState& state, absl::Time now) {
   std::error_code error;
   std::filesystem::create_directories(directory, error);
   if (error) return absl::PermissionDeniedError(absl::StrCat("cannot make ", directory, ": ", error.message()));
-  const std::string id = absl::StrCat(state.step, "-", absl::ToUnixNanos(absl::Now()));
+  const std::string id = absl::StrCat(state.step, "-", absl::ToUnixNanos(now));
   absl::Status status = SaveModel(WeightsPath(directory, state.step), model, torch::kFloat32, {{kPairKey, id}});
   if (status.ok()) status = WriteSafetensors(StatePath(directory, state.step), ToFile(state, id));
   if (status.ok()) RemoveOld(directory);

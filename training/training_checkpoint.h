@@ -40,9 +40,9 @@ struct TrainingCheckpoint {
 };
 
 // Writes the pair of state.step and removes all older pairs but one. On an error the directory still holds the
-// complete pairs it held.
+// complete pairs it held. 'now', of the wall clock, tells this pair's files from those of others of the same step.
 absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointModelImpl& model,
-                                    const TrainingState& state);
+                                    const TrainingState& state, absl::Time now);
 
 // The newest complete pair; nullopt when the directory has no checkpoint at all. DATA_LOSS when there are some, but
 // none is complete and readable.

@@ -33,10 +33,10 @@ struct LossValues {
 };
 
 struct StepReport {
-  int64_t step = 0;     // 1 for the first
-  int64_t steps = 0;    // planned; 0: the time decides
-  double progress = 0;  // share of the training done after this step
-  absl::Time when;
+  int64_t step = 0;        // 1 for the first
+  int64_t steps = 0;       // planned; 0: the time decides
+  double progress = 0;     // share of the training done after this step
+  absl::Time when;         // by the wall clock
   absl::Duration elapsed;  // of training, over all runs
   double learning_rate = 0;
   double gradient_norm = 0;     // before clipping
@@ -51,7 +51,7 @@ struct StepReport {
 
 struct ValidationReport {
   int64_t step = 0;
-  absl::Time when;
+  absl::Time when;  // by the wall clock
   absl::Duration took;
   Metrics metrics;
   bool best = false;  // so far

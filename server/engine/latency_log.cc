@@ -5,16 +5,16 @@
 
 namespace holdfast {
 
-void LatencyLog::Estimated(int64_t first, int64_t before, absl::Time now) {
+void LatencyLog::Estimated(int64_t first, int64_t before, SteadyTime now) {
   for (int64_t frame = std::max({first, estimated_before_, final_before_}); frame < before; ++frame) {
-    metrics_.FirstEstimate(now - arrivals_[frame - final_before_]);
+    metrics_.FirstEstimate(Between(arrivals_[frame - final_before_], now));
   }
   estimated_before_ = std::max(estimated_before_, before);
 }
 
-void LatencyLog::Final(int64_t before, absl::Time now) {
+void LatencyLog::Final(int64_t before, SteadyTime now) {
   for (; final_before_ < before; ++final_before_) {
-    if (final_before_ < estimated_before_) metrics_.FinalEstimate(now - arrivals_.front());
+    if (final_before_ < estimated_before_) metrics_.FinalEstimate(Between(arrivals_.front(), now));
     arrivals_.pop_front();
   }
 }

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <deque>
 
-#include "absl/time/time.h"
+#include "proto/clock.h"
 #include "server/engine/metrics.h"
 
 namespace holdfast {
@@ -15,15 +15,15 @@ class LatencyLog {
  public:
   explicit LatencyLog(EngineMetrics& metrics) : metrics_(metrics) {}
   // Of the next frame.
-  void Arrived(absl::Time when) { arrivals_.push_back(when); }
+  void Arrived(SteadyTime when) { arrivals_.push_back(when); }
   // Frames first .. before - 1 have an estimate.
-  void Estimated(int64_t first, int64_t before, absl::Time now);
+  void Estimated(int64_t first, int64_t before, SteadyTime now);
   // Frames before 'before' are final for every point.
-  void Final(int64_t before, absl::Time now);
+  void Final(int64_t before, SteadyTime now);
 
  private:
   EngineMetrics& metrics_;
-  std::deque<absl::Time> arrivals_;  // from frame final_before_ on
+  std::deque<SteadyTime> arrivals_;  // from frame final_before_ on
   int64_t estimated_before_ = 0;
   int64_t final_before_ = 0;
 };

@@ -93,9 +93,9 @@ bool Scheduler::EncodeBatch() {
     for (const auto& part : batch.parts) {
       for (const DecodedFrame& frame : part.frames) images.push_back(&frame.image);
     }
-    const absl::Time begin = clock_.Now();
+    const SteadyTime begin = clock_.SteadyNow();
     auto features = model_.Encode(images);
-    metrics_.StageTook(Stage::kEncode, clock_.Now() - begin);
+    metrics_.StageTook(Stage::kEncode, clock_.Since(begin));
     Admit(std::move(batch), std::move(features));
   });
   return true;
@@ -114,9 +114,9 @@ bool Scheduler::RefineBatch() {
   refine_turn_ = TurnAfter(batch.parts.front().session);
   Guard(SessionsOf(batch), [&] {
     const bool carry = batch.parts.front().session->options().carry_templates;
-    const absl::Time begin = clock_.Now();
+    const SteadyTime begin = clock_.SteadyNow();
     auto estimates = model_.Refine(batch.groups, {batch.iterations, carry});
-    metrics_.StageTook(Stage::kRefine, clock_.Now() - begin);
+    metrics_.StageTook(Stage::kRefine, clock_.Since(begin));
     metrics_.BatchRefined(batch.rows, batch.iterations);
     Apply(std::move(batch), std::move(estimates));
   });

@@ -9,8 +9,8 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/synchronization/mutex.h"
+#include "proto/clock.h"
 #include "server/engine/batcher.h"
-#include "server/engine/clock.h"
 #include "server/engine/metrics.h"
 #include "server/engine/session.h"
 #include "server/engine/tracker_model.h"

@@ -18,7 +18,7 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
       latency_(metrics) {}
 
 absl::StatusOr<Room> Session::PushFrame(Frame frame) {
-  absl::StatusOr<Room> room = inbox_.Push(std::move(frame), clock_.Now());
+  absl::StatusOr<Room> room = inbox_.Push(std::move(frame), clock_.SteadyNow());
   // After the end every call gets its status, which is about another frame.
   if (absl::IsInvalidArgument(room.status()) && room.status() != inbox_.end_status())
     metrics_.FrameDone(FrameResult::kRejected);
@@ -28,12 +28,12 @@ absl::StatusOr<Room> Session::PushFrame(Frame frame) {
 void Session::Decode(int64_t index) {
   const std::optional<std::string> bytes = inbox_.TakeBytes(index);
   if (!bytes) return;
-  const absl::Time begin = clock_.Now();
+  const SteadyTime begin = clock_.SteadyNow();
   auto image = DecodeFrame(*bytes, options_.inbox.format, options_.accepted.processing_size);
-  const absl::Time end = clock_.Now();
+  const SteadyTime end = clock_.SteadyNow();
   const bool rejected = !image.ok();
   if (inbox_.SetDecoded(index, std::move(image), end) && rejected) metrics_.FrameDone(FrameResult::kRejected);
-  metrics_.StageTook(Stage::kDecode, end - begin);
+  metrics_.StageTook(Stage::kDecode, Between(begin, end));
 }
 
 void Session::AwaitDone() {
@@ -48,8 +48,8 @@ int64_t Session::FramesReady() const {
 std::vector<DecodedFrame> Session::TakeFrames(int64_t count) {
   SessionInbox::Taken taken = inbox_.TakeFrames(count);
   if (taken.room) listener_.OnRoomForFrame();
-  const absl::Time now = clock_.Now();
-  for (const DecodedFrame& frame : taken.frames) metrics_.StageTook(Stage::kQueue, now - frame.decoded);
+  const SteadyTime now = clock_.SteadyNow();
+  for (const DecodedFrame& frame : taken.frames) metrics_.StageTook(Stage::kQueue, Between(frame.decoded, now));
   return std::move(taken.frames);
 }
 
@@ -100,14 +100,14 @@ void Session::CountPoints(int64_t before) {
 }
 
 void Session::Deliver(std::vector<PointRun> runs) {
-  const absl::Time begin = clock_.Now();
+  const SteadyTime begin = clock_.SteadyNow();
   for (const PointRun& run : runs) {
     latency_.Estimated(run.first_frame, run.first_frame + static_cast<int64_t>(run.x.size()), begin);
     summary_.final_samples += run.final_count;
   }
   if (runs.empty()) return;
   listener_.OnTracks({std::move(runs), inbox_.frames_received(), summary_.frames});
-  metrics_.StageTook(Stage::kEmit, clock_.Now() - begin);
+  metrics_.StageTook(Stage::kEmit, clock_.Since(begin));
 }
 
 void Session::Settle() {
@@ -118,13 +118,13 @@ void Session::Settle() {
   CountPoints(before);
   if (!ended.empty()) Deliver(std::move(ended));
   tracks_.Evict();
-  latency_.Final(tracks_.reported_before(), clock_.Now());
+  latency_.Final(tracks_.reported_before(), clock_.SteadyNow());
   if (!inbox_.drained() || tracks_.AnyDue(/*ended=*/true)) return;
   const int64_t left = tracks_.tracks();
   std::vector<PointRun> last = tracks_.FinishAll();
   CountPoints(left);
   Deliver(std::move(last));
-  latency_.Final(tracks_.reported_before(), clock_.Now());
+  latency_.Final(tracks_.reported_before(), clock_.SteadyNow());
   Close(inbox_.end_status());
 }
 

@@ -23,7 +23,7 @@ SessionInbox::SessionInbox(const Options& options) : options_(options) {
   if (IsRaw(options.format.encoding)) frame_size_ = options.format.raw_size;
 }
 
-absl::StatusOr<Room> SessionInbox::Push(Frame frame, absl::Time now) {
+absl::StatusOr<Room> SessionInbox::Push(Frame frame, SteadyTime now) {
   const absl::StatusOr<ImageSize> size = FrameSize(frame.bytes, options_.format);
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
@@ -142,7 +142,7 @@ std::optional<std::string> SessionInbox::TakeBytes(int64_t index) {
   return std::move(frame->bytes);
 }
 
-bool SessionInbox::SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, absl::Time now) {
+bool SessionInbox::SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, SteadyTime now) {
   absl::MutexLock lock(&mutex_);
   Pending* frame = FindLocked(index);
   if (frame == nullptr) return false;

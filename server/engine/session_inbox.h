@@ -12,7 +12,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/synchronization/mutex.h"
-#include "absl/time/time.h"
+#include "proto/clock.h"
 #include "proto/errors.h"
 #include "proto/types.h"
 #include "server/engine/engine.h"
@@ -31,8 +31,8 @@ struct PointOp {
 
 struct DecodedFrame {
   int64_t index = 0;
-  absl::Time arrival;
-  absl::Time decoded;
+  SteadyTime arrival;
+  SteadyTime decoded;
   RgbImage image;  // at the processing size
 };
 
@@ -49,7 +49,7 @@ class SessionInbox {
 
   // --- The stream. The caller decides what follows an error: nothing has changed by then.
   // Checks everything that the bytes' header can tell.
-  absl::StatusOr<Room> Push(Frame frame, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::StatusOr<Room> Push(Frame frame, SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
   // 'list' names the field in errors. Queried at the newest frame, or at the first.
   absl::Status AddPoints(absl::string_view list, const std::vector<PointQuery>& points) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status RemovePoints(const std::vector<PointId>& ids) ABSL_LOCKS_EXCLUDED(mutex_);
@@ -64,7 +64,7 @@ class SessionInbox {
   // Empty: the frame has been dropped.
   std::optional<std::string> TakeBytes(int64_t index) ABSL_LOCKS_EXCLUDED(mutex_);
   // An error ends the session before this frame, whatever had ended it after. False: the frame has been dropped.
-  bool SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  bool SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
 
   // --- The compute thread.
   // Frames that can be taken: decoded, without a gap.
@@ -89,7 +89,7 @@ class SessionInbox {
  private:
   struct Pending {
     int64_t index = 0;
-    absl::Time arrival;
+    SteadyTime arrival;
     std::string bytes;
     std::optional<DecodedFrame> decoded;
   };

@@ -19,46 +19,46 @@ class ProgressTest : public ::testing::Test {
   Progress::Options Options(bool terminal, int64_t total) {
     return {terminal, total, [this] { return now_; }};
   }
-  absl::Time now_ = absl::UnixEpoch();
+  SteadyTime now_;
   std::ostringstream out_;
 };
 
 TEST_F(ProgressTest, ATerminalShowsABarWithRateAndLag) {
   Progress progress(Options(true, 40), out_);
-  now_ += absl::Seconds(2);
+  now_ += std::chrono::seconds(2);
   progress.Update(20, 7);
   EXPECT_EQ(out_.str(), "\r[###############...............] 20/40 frames  10.0 frames/s  lag 7\x1b[K");
 }
 
 TEST_F(ProgressTest, ATerminalIsRedrawnAtMostTenTimesASecond) {
   Progress progress(Options(true, 40), out_);
-  now_ += absl::Milliseconds(99);
+  now_ += std::chrono::milliseconds(99);
   progress.Update(1, 0);
   EXPECT_THAT(out_.str(), IsEmpty());
-  now_ += absl::Milliseconds(1);
+  now_ += std::chrono::milliseconds(1);
   progress.Update(2, 0);
   EXPECT_THAT(out_.str(), HasSubstr("2/40"));
 }
 
 TEST_F(ProgressTest, ALogGetsAPlainLineEveryFiveSeconds) {
   Progress progress(Options(false, 0), out_);
-  now_ += absl::Seconds(4);
+  now_ += std::chrono::seconds(4);
   progress.Update(8, 1);
   EXPECT_THAT(out_.str(), IsEmpty());
-  now_ += absl::Seconds(1);
+  now_ += std::chrono::seconds(1);
   progress.Update(10, 1);
   EXPECT_EQ(out_.str(), "10 frames  2.0 frames/s  lag 1\n");
 }
 
 TEST_F(ProgressTest, ClosingDrawsTheLastStateOnce) {
   Progress progress(Options(true, 40), out_);
-  now_ += absl::Milliseconds(50);
+  now_ += std::chrono::milliseconds(50);
   progress.Update(40, 0);
   progress.Close();
   EXPECT_THAT(out_.str(), HasSubstr("] 40/40"));
   EXPECT_THAT(out_.str(), EndsWith("\n"));
   const std::string closed = out_.str();
-  now_ += absl::Seconds(9);
+  now_ += std::chrono::seconds(9);
   progress.Update(41, 0);
   progress.Close();
   EXPECT_EQ(out_.str(), closed);
@@ -66,7 +66,7 @@ TEST_F(ProgressTest, ClosingDrawsTheLastStateOnce) {
 
 TEST_F(ProgressTest, ALogDoesNotSayTheSameTwice) {
   Progress progress(Options(false, 10), out_);
-  now_ += absl::Seconds(5);
+  now_ += std::chrono::seconds(5);
   progress.Update(10, 0);
   const std::string said = out_.str();
   progress.Close();
@@ -75,7 +75,7 @@ TEST_F(ProgressTest, ALogDoesNotSayTheSameTwice) {
 
 TEST_F(ProgressTest, MoreFramesThanAnnouncedDoNotBreakTheBar) {
   Progress progress(Options(true, 10), out_);
-  now_ += absl::Seconds(1);
+  now_ += std::chrono::seconds(1);
   progress.Update(15, 0);
   EXPECT_THAT(out_.str(), HasSubstr("[##############################] 15/10"));
   EXPECT_THAT(out_.str(), Not(HasSubstr(".]")));

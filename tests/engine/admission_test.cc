@@ -41,12 +41,12 @@ TEST(AdmissionTest, RefusesASessionWhoseFeaturesDoNotFit) {
 TEST(LatencyLogTest, TellsTheFirstAndTheFinalEstimateOfAFrameOnce) {
   RecordingMetrics metrics;
   LatencyLog log(metrics);
-  const absl::Time start = absl::UnixEpoch();
-  for (int i = 0; i < 4; ++i) log.Arrived(start + absl::Seconds(i));
-  log.Estimated(0, 2, start + absl::Seconds(10));
-  log.Estimated(1, 3, start + absl::Seconds(10));
-  log.Final(1, start + absl::Seconds(20));
-  log.Final(1, start + absl::Seconds(30));
+  const SteadyTime start;
+  for (int i = 0; i < 4; ++i) log.Arrived(start + std::chrono::seconds(i));
+  log.Estimated(0, 2, start + std::chrono::seconds(10));
+  log.Estimated(1, 3, start + std::chrono::seconds(10));
+  log.Final(1, start + std::chrono::seconds(20));
+  log.Final(1, start + std::chrono::seconds(30));
   const auto totals = metrics.totals();
   EXPECT_THAT(totals.first, ElementsAre(absl::Seconds(10), absl::Seconds(9), absl::Seconds(8)));
   EXPECT_THAT(totals.final, ElementsAre(absl::Seconds(20)));
@@ -55,9 +55,9 @@ TEST(LatencyLogTest, TellsTheFirstAndTheFinalEstimateOfAFrameOnce) {
 TEST(LatencyLogTest, FramesWithoutPointsCountForNothing) {
   RecordingMetrics metrics;
   LatencyLog log(metrics);
-  for (int i = 0; i < 4; ++i) log.Arrived(absl::UnixEpoch());
-  log.Final(2, absl::UnixEpoch());
-  log.Estimated(3, 4, absl::UnixEpoch());
+  for (int i = 0; i < 4; ++i) log.Arrived(SteadyTime());
+  log.Final(2, SteadyTime());
+  log.Estimated(3, 4, SteadyTime());
   EXPECT_EQ(metrics.totals().final.size(), 0u);
   EXPECT_EQ(metrics.totals().first.size(), 1u);
 }

@@ -17,8 +17,10 @@
 namespace holdfast {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::Each;
 using ::testing::ElementsAre;
+using ::testing::Ge;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Le;
@@ -193,6 +195,25 @@ TEST_F(EngineTest, TellsTheMetrics) {
   EXPECT_THAT(totals.lags, SizeIs(40));
   EXPECT_THAT(totals.lags, Each(Le(8 + 4)));
   EXPECT_EQ(totals.points, 0);
+}
+
+TEST_F(EngineTest, AWallClockThatJumpsChangesNoLatency) {
+  std::atomic<int> calls{0};
+  model_->before_encode = [&] {
+    clock_.SetWallBy(++calls % 2 == 0 ? absl::Hours(11) : -absl::Hours(9));
+    clock_.Advance(absl::Milliseconds(10));
+  };
+  RecordingListener listener;
+  auto session = Open(Config({{1, 1, 1}}), listener);
+  PushFrames(*session, listener, 0, 40);
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  const auto totals = metrics_.totals();
+  const auto plausible = AllOf(Ge(absl::ZeroDuration()), Le(40 * absl::Milliseconds(10)));
+  EXPECT_THAT(totals.first, AllOf(SizeIs(40), Each(plausible)));
+  EXPECT_THAT(totals.final, AllOf(SizeIs(40), Each(plausible)));
+  EXPECT_THAT(totals.shortest_stage, plausible);
+  EXPECT_THAT(totals.longest_stage, plausible);
 }
 
 TEST(BatcherTest, SharesFairly) {

@@ -41,14 +41,14 @@ Frame PngFrame(int64_t index, int width, int height) {
 RgbImage Image() { return {{1, 1}, {0, 0, 0}}; }
 void Decode(SessionInbox& inbox, int64_t index) {
   ASSERT_TRUE(inbox.TakeBytes(index).has_value());
-  inbox.SetDecoded(index, Image(), absl::UnixEpoch());
+  inbox.SetDecoded(index, Image(), SteadyTime());
 }
 std::vector<std::string> Fields(const absl::Status& status) {
   std::vector<std::string> fields;
   for (const FieldViolation& v : FieldViolations(status)) fields.push_back(v.field);
   return fields;
 }
-absl::StatusOr<Room> Push(SessionInbox& inbox, Frame frame) { return inbox.Push(std::move(frame), absl::UnixEpoch()); }
+absl::StatusOr<Room> Push(SessionInbox& inbox, Frame frame) { return inbox.Push(std::move(frame), SteadyTime()); }
 
 TEST(SessionInboxTest, SaysWhenItIsFullAndWhenThereIsRoomAgain) {
   SessionInbox inbox(Raw());
@@ -145,8 +145,8 @@ TEST(SessionInboxTest, AFrameThatDoesNotDecodeEndsTheSessionBeforeIt) {
     ASSERT_THAT(Push(inbox, frame), IsOk());
   }
   inbox.End(absl::OkStatus());
-  EXPECT_TRUE(inbox.SetDecoded(1, absl::InvalidArgumentError("broken"), absl::UnixEpoch()));
-  EXPECT_FALSE(inbox.SetDecoded(2, absl::InvalidArgumentError("too late"), absl::UnixEpoch()));
+  EXPECT_TRUE(inbox.SetDecoded(1, absl::InvalidArgumentError("broken"), SteadyTime()));
+  EXPECT_FALSE(inbox.SetDecoded(2, absl::InvalidArgumentError("too late"), SteadyTime()));
   EXPECT_THAT(inbox.end_status(), StatusIs(kInvalid, HasSubstr("frame 1: broken")));
   EXPECT_EQ(inbox.TakeDropped(), 1);  // frame 2; frame 1 was rejected
   EXPECT_FALSE(inbox.drained());
@@ -175,7 +175,7 @@ TEST(SessionInboxTest, CancellingDropsEverything) {
   EXPECT_TRUE(inbox.cancelled());
   EXPECT_TRUE(inbox.drained());
   EXPECT_FALSE(inbox.TakeBytes(0).has_value());
-  inbox.SetDecoded(0, Image(), absl::UnixEpoch());
+  inbox.SetDecoded(0, Image(), SteadyTime());
   EXPECT_EQ(inbox.ready(), 0);
   EXPECT_EQ(inbox.TakeDropped(), 1);
 }

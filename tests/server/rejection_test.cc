@@ -182,22 +182,6 @@ TEST_F(RejectionTest, StreamsThatNeverSendAConfigCannotPileUp) {
   }
 }
 
-// Reads to the end while time goes by, step by step, because what happened last is not known to the test.
-absl::Status ReadWhileTimePasses(TrackCall& call, SimulatedClock& clock, absl::Duration step) {
-  absl::Status status;
-  std::atomic<bool> ended{false};
-  std::thread reader([&] {
-    status = call.ReadToEnd();
-    ended = true;
-  });
-  while (!ended) {
-    clock.Advance(step);
-    std::this_thread::yield();
-  }
-  reader.join();
-  return status;
-}
-
 TEST_F(RejectionTest, AStreamWithoutAConfigIsEndedInTime) {
   TrackCall call(channel_);
   EXPECT_THAT(ReadWhileTimePasses(call, server_.clock(), absl::Seconds(1)),

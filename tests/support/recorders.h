@@ -158,6 +158,7 @@ class RecordingMetrics final : public EngineMetrics {
     std::map<Stage, int64_t> stages;
     int64_t points = 0, rows = 0, batches = 0, max_batch_rows = 0;
     int64_t cache_bytes = 0, max_cache_bytes = 0;
+    absl::Duration shortest_stage = absl::InfiniteDuration(), longest_stage;
     std::vector<absl::Duration> first, final;
     std::vector<int64_t> lags;
     std::vector<ImageSize> fell_back;
@@ -188,8 +189,12 @@ class RecordingMetrics final : public EngineMetrics {
   void FrameDone(FrameResult result) override {
     Update([=](Totals& t) { ++t.frames[result]; });
   }
-  void StageTook(Stage stage, absl::Duration) override {
-    Update([=](Totals& t) { ++t.stages[stage]; });
+  void StageTook(Stage stage, absl::Duration took) override {
+    Update([=](Totals& t) {
+      ++t.stages[stage];
+      t.shortest_stage = std::min(t.shortest_stage, took);
+      t.longest_stage = std::max(t.longest_stage, took);
+    });
   }
   void FirstEstimate(absl::Duration since_arrival) override {
     Update([=](Totals& t) { t.first.push_back(since_arrival); });

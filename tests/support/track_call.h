@@ -3,9 +3,11 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <atomic>
 #include <map>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include "proto/convert.h"
 #include "proto/grpc_status.h"
 #include "proto/types.h"
+#include "tests/support/simulated_clock.h"
 
 namespace holdfast {
 
@@ -107,5 +110,21 @@ class TrackCall {
   const std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream_;
   v1::SessionAccepted accepted_;
 };
+
+// Reads to the end while time goes by, step by step, because what happened last is not known to the test.
+inline absl::Status ReadWhileTimePasses(TrackCall& call, SimulatedClock& clock, absl::Duration step) {
+  absl::Status status;
+  std::atomic<bool> ended{false};
+  std::thread reader([&] {
+    status = call.ReadToEnd();
+    ended = true;
+  });
+  while (!ended) {
+    clock.Advance(step);
+    std::this_thread::yield();
+  }
+  reader.join();
+  return status;
+}
 
 }  // namespace holdfast

@@ -11,7 +11,7 @@
 #include <thread>
 
 #include "model/presets.h"
-#include "server/engine/clock.h"
+#include "proto/clock.h"
 #include "tests/support/status_matchers.h"
 #include "training/clip_step.h"
 #include "training/gradient.h"

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "proto/clock.h"
 #include "tests/support/fake_tracker.h"
 #include "tests/support/status_matchers.h"
 #include "tests/training/moving_texture.h"
@@ -20,10 +21,11 @@ constexpr ImageSize kSize = {256, 256};  // so that a pixel is a scored pixel
 
 class TickingClock final : public Clock {
  public:
-  absl::Time Now() const override { return now_ += absl::Seconds(2); }
+  absl::Time WallNow() const override { return absl::UnixEpoch(); }
+  SteadyTime SteadyNow() const override { return now_ += std::chrono::seconds(2); }
 
  private:
-  mutable absl::Time now_ = absl::UnixEpoch();
+  mutable SteadyTime now_;
 };
 
 // Stays where the query was, 'offset' pixels to the right of it.

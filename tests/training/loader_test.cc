@@ -144,17 +144,6 @@ TEST(LoaderTest, StopsCleanlyWhileWorkersAreBusyAndBatchesAreLeft) {
   EXPECT_LE(samples.calls, 4);
 }
 
-TEST(LoaderTest, ReportsHowLongTheConsumerWaited) {
-  const NumberedSamples samples(3);
-  const auto direct = Loader::Create(samples, Options(1, 0)).value();
-  EXPECT_EQ(direct->data_wait(), absl::ZeroDuration());
-  ASSERT_THAT(direct->Next(), IsOk());
-  EXPECT_GT(direct->data_wait(), absl::ZeroDuration());
-  const auto ahead = Loader::Create(samples, Options(1, 1)).value();
-  ASSERT_THAT(ahead->Next(), IsOk());
-  EXPECT_GE(ahead->data_wait(), absl::ZeroDuration());
-}
-
 TEST(LoaderTest, WrongOptionsAndEmptyDataSetsAreRefused) {
   const NumberedSamples samples(3), none(0);
   std::vector<LoaderOptions> wrong(5, Options(1, 1));

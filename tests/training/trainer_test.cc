@@ -278,6 +278,25 @@ TEST_F(TrainerTest, ATimeBudgetAnnealsTheRateAndEndsTheTraining) {
   EXPECT_TRUE(std::filesystem::exists(dir.File("final.safetensors")));
 }
 
+TEST_F(TrainerTest, AWallClockThatJumpsChangesStampsAlone) {
+  options_.recipe.steps = 0;
+  options_.time_budget = absl::Seconds(10);
+  const TempDir dir;
+  Recorder recorder;
+  recorder.on_step = [this](const StepReport& report) {
+    clock_.Advance(absl::Seconds(2));
+    clock_.SetWallBy(report.step % 2 == 0 ? absl::Hours(30) : -absl::Hours(20));
+  };
+  const auto summary = Train(dir, recorder);
+  ASSERT_THAT(summary, IsOk());
+  EXPECT_EQ(summary->step, 6);
+  EXPECT_EQ(recorder.steps[1].when - recorder.steps[0].when, absl::Seconds(2) - absl::Hours(20));
+  for (const StepReport& step : recorder.steps) {
+    EXPECT_EQ(step.elapsed, absl::Seconds(2) * (step.step - 1));
+    EXPECT_EQ(step.times.total(), absl::ZeroDuration());
+  }
+}
+
 TEST_F(TrainerTest, ElapsedTimeAddsUpOverRuns) {
   options_.recipe.steps = 0;
   options_.time_budget = absl::Seconds(10);

@@ -19,6 +19,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
+const absl::Time kTime = absl::FromUnixSeconds(1000);
+
 PointModel Network() { return PointModel(*PresetByName("test")); }
 
 TrainingState StateAt(int64_t step) {
@@ -42,7 +44,7 @@ std::string State(int64_t step) { return "checkpoint-0000000" + std::to_string(s
 TEST(TrainingCheckpointTest, GivesBackWhatWasSaved) {
   const TempDir dir;
   PointModel network = Network();
-  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *network, StateAt(5)), IsOk());
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *network, StateAt(5), kTime), IsOk());
   const auto found = FindTrainingCheckpoint(dir.path());
   ASSERT_THAT(found, IsOk());
   ASSERT_TRUE(found->has_value());
@@ -66,7 +68,7 @@ TEST(TrainingCheckpointTest, GivesBackWhatWasSaved) {
 
 TEST(TrainingCheckpointTest, TheWeightsLoadAsAnyNetworksDo) {
   const TempDir dir;
-  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(5)), IsOk());
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(5), kTime), IsOk());
   EXPECT_THAT(LoadModel(dir.File(Weights(5))), IsOk());
 }
 
@@ -79,7 +81,7 @@ TEST(TrainingCheckpointTest, AnEmptyOrAbsentDirectoryHasNone) {
 TEST(TrainingCheckpointTest, KeepsTheNewestTwo) {
   const TempDir dir;
   for (const int64_t step : {1, 2, 3}) {
-    ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(step)), IsOk());
+    ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(step), kTime), IsOk());
   }
   EXPECT_EQ(dir.Count(), 4u);
   EXPECT_EQ((*FindTrainingCheckpoint(dir.path()))->state.step, 3);
@@ -88,7 +90,7 @@ TEST(TrainingCheckpointTest, KeepsTheNewestTwo) {
 TEST(TrainingCheckpointTest, APairWithoutItsSecondFileIsPassedOver) {
   const TempDir dir;
   for (const int64_t step : {1, 2}) {
-    ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(step)), IsOk());
+    ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(step), kTime), IsOk());
   }
   // As left by a process killed between the two files, and in the middle of the second.
   std::filesystem::remove(dir.File(State(2)));
@@ -101,8 +103,8 @@ TEST(TrainingCheckpointTest, APairWithoutItsSecondFileIsPassedOver) {
 
 TEST(TrainingCheckpointTest, FilesOfDifferentPairsAreNoPair) {
   const TempDir dir, other;
-  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(4)), IsOk());
-  ASSERT_THAT(SaveTrainingCheckpoint(other.path(), *Network(), StateAt(4)), IsOk());
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(4), kTime), IsOk());
+  ASSERT_THAT(SaveTrainingCheckpoint(other.path(), *Network(), StateAt(4), kTime + absl::Seconds(1)), IsOk());
   std::filesystem::copy_file(other.File(State(4)), dir.File(State(4)),
                              std::filesystem::copy_options::overwrite_existing);
   EXPECT_THAT(FindTrainingCheckpoint(dir.path()), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("belong together")));
@@ -110,20 +112,20 @@ TEST(TrainingCheckpointTest, FilesOfDifferentPairsAreNoPair) {
 
 TEST(TrainingCheckpointTest, DamagedFilesAreAnErrorAndNoFreshStart) {
   const TempDir dir;
-  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(4)), IsOk());
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(4), kTime), IsOk());
   std::filesystem::resize_file(dir.File(State(4)), 100);
   EXPECT_THAT(FindTrainingCheckpoint(dir.path()), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("step 4")));
 }
 
 TEST(TrainingCheckpointTest, AFullDiskLeavesTheLastCheckpointWhole) {
   const TempDir dir;
-  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(1)), IsOk());
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(1), kTime), IsOk());
   rlimit before;
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
   const auto handler = signal(SIGXFSZ, SIG_IGN);
   const rlimit tiny = {4096, before.rlim_max};
   ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &tiny), 0);
-  const absl::Status status = SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(2));
+  const absl::Status status = SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(2), kTime);
   setrlimit(RLIMIT_FSIZE, &before);
   signal(SIGXFSZ, handler);
   EXPECT_FALSE(status.ok());
