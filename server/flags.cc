@@ -7,12 +7,14 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "flags/program_path.h"
+#include "flags/shipped_weights.h"
 
 ABSL_FLAG(std::string, listen, "[::]:50051", "host:port of the gRPC service; port 0: a free one");
 ABSL_FLAG(std::string, metrics_listen, "0.0.0.0:9464", "host:port of /metrics, /healthz and /readyz over HTTP");
 ABSL_FLAG(std::string, port_file, "", "file to write the bound ports to, once the server is ready");
 ABSL_FLAG(std::string, weights, "",
-          "safetensors file; empty: weights/small.safetensors if there, else the installed ones");
+          "safetensors file; empty: the shipped one, beside the program, of its source tree or installed");
 ABSL_FLAG(std::string, device, "cpu", "cpu, cuda, cuda:1, ...");
 ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
 ABSL_FLAG(int, compute_threads, 0, "threads of one tensor operation; 0: all cores");
@@ -68,10 +70,17 @@ absl::StatusOr<LogFormat> ParseLogFormat(const std::string& text) {
   return BadFlag("log_format", text, "text or json");
 }
 
+absl::StatusOr<std::string> WeightsFromFlags() {
+  const std::string named = absl::GetFlag(FLAGS_weights);
+  if (!named.empty()) return named;
+  return FindShippedWeights(ProgramPath());
+}
+
 absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
   EngineOptions options;
-  options.weights_path = absl::GetFlag(FLAGS_weights);
-  if (options.weights_path.empty()) options.weights_path = DefaultWeightsPath();
+  const absl::StatusOr<std::string> weights = WeightsFromFlags();
+  if (!weights.ok()) return weights.status();
+  options.weights_path = *weights;
   options.device = absl::GetFlag(FLAGS_device);
   const auto precision = ParsePrecision(absl::GetFlag(FLAGS_precision));
   if (!precision.ok()) return precision.status();

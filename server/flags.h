@@ -6,7 +6,7 @@
 
 namespace holdfast {
 
-// What the flags say now, checked.
+// What the flags say now, checked. NOT_FOUND when they name no weights and the shipped ones are not there.
 absl::StatusOr<ServerOptions> OptionsFromFlags();
 
 }  // namespace holdfast

@@ -78,7 +78,7 @@ int Main(const std::vector<std::string>& args) {
   const absl::StatusOr<ServerOptions> options = ReadOptions(args);
   if (!options.ok()) {
     std::cerr << "holdfast-server: " << options.status().message() << "\n";
-    return 2;
+    return absl::IsNotFound(options.status()) ? 1 : 2;
   }
   const TerminationSignals signals;
   const auto log = MakeLogger(options->log_format, options->log_level);

@@ -3,9 +3,7 @@
 
 #include <spdlog/common.h>
 
-#include <filesystem>
 #include <initializer_list>
-#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -13,9 +11,6 @@
 
 namespace holdfast {
 namespace {
-
-constexpr char kSourceTreeWeights[] = "weights/small.safetensors";
-constexpr char kInstalledWeights[] = "/usr/share/holdfast/weights/small.safetensors";
 
 bool IsLogLevel(const std::string& level) {
   return level == "off" || spdlog::level::from_str(level) != spdlog::level::off;
@@ -44,11 +39,6 @@ absl::Status ServerOptions::Validate() const {
         absl::StrCat("log_level is '", log_level, "', expected trace, debug, info, warning, error, critical or off"));
   }
   return absl::OkStatus();
-}
-
-std::string DefaultWeightsPath() {
-  std::error_code ignored;
-  return std::filesystem::exists(kSourceTreeWeights, ignored) ? kSourceTreeWeights : kInstalledWeights;
 }
 
 }  // namespace holdfast

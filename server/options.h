@@ -28,7 +28,4 @@ struct ServerOptions {
   absl::Status Validate() const;
 };
 
-// Weights that are used when no flag names any: of the source tree if there, else the installed ones.
-std::string DefaultWeightsPath();
-
 }  // namespace holdfast
