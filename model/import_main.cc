@@ -23,7 +23,8 @@ namespace {
 constexpr Program kProgram = {
     "holdfast-import",
     "holdfast-import [flags] IN.pth OUT.safetensors\n\n"
-    "Converts a published PIPs++ checkpoint (written by torch.save) to safetensors. No code of the file is run."};
+    "Converts a published PIPs++ checkpoint (written by torch.save) to safetensors. No code of the file is run.\n"
+    "Every flag can also be set by an environment variable, HOLDFAST_DTYPE for --dtype; the command line wins."};
 
 int Fail(absl::string_view problem, int exit_status) {
   std::cerr << "holdfast-import: " << problem << std::endl;
@@ -33,6 +34,8 @@ int Fail(absl::string_view problem, int exit_status) {
 int Main(const std::vector<std::string>& args) {
   constexpr int kUsageError = 2;
   if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
+  const absl::Status environment = SetFlagsFromEnvironment("HOLDFAST_", std::getenv);
+  if (!environment.ok()) return Fail(environment.message(), kUsageError);
   const absl::StatusOr<std::vector<std::string>> files = ParseFlags(args);
   if (!files.ok()) return Fail(files.status().message(), kUsageError);
   if (files->size() != 2) return Fail("expected IN.pth and OUT.safetensors; see --help", kUsageError);

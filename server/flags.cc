@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/flags.h"
 
+#include <cmath>
 #include <vector>
 
 #include "absl/flags/flag.h"
@@ -10,35 +11,64 @@
 #include "flags/program_path.h"
 #include "flags/shipped_weights.h"
 
-ABSL_FLAG(std::string, listen, "[::]:50051", "host:port of the gRPC service; port 0: a free one");
-ABSL_FLAG(std::string, metrics_listen, "0.0.0.0:9464", "host:port of /metrics, /healthz and /readyz over HTTP");
-ABSL_FLAG(std::string, port_file, "", "file to write the bound ports to, once the server is ready");
+// A flag that is not given leaves what the options say by themselves.
+namespace holdfast {
+namespace {
+
+const ServerOptions& Defaults() {
+  static const auto* const defaults = new ServerOptions;  // flags are made before main and may outlive statics
+  return *defaults;
+}
+
+constexpr double kMega = 1e6;
+constexpr int64_t kMebi = int64_t{1} << 20;
+
+int64_t Mebi(int64_t bytes) { return bytes / kMebi; }
+
+}  // namespace
+}  // namespace holdfast
+
+using holdfast::Defaults;
+using holdfast::Mebi;
+
+ABSL_FLAG(std::string, listen, Defaults().listen, "host:port of the gRPC service; port 0: a free one");
+ABSL_FLAG(std::string, metrics_listen, Defaults().metrics_listen,
+          "host:port of /metrics, /healthz and /readyz over HTTP");
+ABSL_FLAG(std::string, port_file, Defaults().port_file, "file to write the bound ports to, once the server is ready");
 ABSL_FLAG(std::string, weights, "",
           "safetensors file; empty: the shipped one, beside the program, of its source tree or installed");
-ABSL_FLAG(std::string, device, "cpu", "cpu, cuda, cuda:1, ...");
+ABSL_FLAG(std::string, device, Defaults().engine.device, "cpu, cuda, cuda:1, ...");
 ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
-ABSL_FLAG(int, compute_threads, 0, "threads of one tensor operation; 0: all cores");
-ABSL_FLAG(int, decode_threads, 1, "threads that decode frames");
-ABSL_FLAG(std::string, processing_size, "512x384", "default WIDTHxHEIGHT that frames are resized to; multiples of 32");
-ABSL_FLAG(int, hop, 8, "default number of new frames between windows");
-ABSL_FLAG(int, iterations, 4, "default number of refinement iterations of a window");
-ABSL_FLAG(int, max_sessions, 16, "sessions at once; further ones are refused");
-ABSL_FLAG(int, max_points, 2048, "points of a session");
-ABSL_FLAG(int, max_frame_mib, 16, "size of one encoded frame, MiB");
-ABSL_FLAG(double, max_frame_megapixels, 8.3, "size of one decoded frame, millions of pixels");
-ABSL_FLAG(int64_t, max_session_frames, 0, "frames of a session; 0: endless");
-ABSL_FLAG(int64_t, cache_mib, 4096, "memory for the features of all sessions, MiB");
-ABSL_FLAG(int, max_batch_rows, 256, "rows (point windows) refined in one batch");
-ABSL_FLAG(int, max_pending_frames, 8, "frames of a session that may wait to be encoded");
-ABSL_FLAG(absl::Duration, first_message_timeout, absl::Seconds(10), "from the start of a stream to its config");
-ABSL_FLAG(absl::Duration, idle_timeout, absl::Minutes(2),
+ABSL_FLAG(int, compute_threads, Defaults().engine.compute_threads, "threads of one tensor operation; 0: all cores");
+ABSL_FLAG(int, decode_threads, Defaults().engine.decode_threads, "threads that decode frames");
+ABSL_FLAG(std::string, processing_size,
+          absl::StrCat(Defaults().engine.processing_size.width, "x", Defaults().engine.processing_size.height),
+          "default WIDTHxHEIGHT that frames are resized to; multiples of 32");
+ABSL_FLAG(int, hop, Defaults().engine.hop_frames, "default number of new frames between windows");
+ABSL_FLAG(int, iterations, Defaults().engine.iterations, "default number of refinement iterations of a window");
+ABSL_FLAG(int, max_sessions, Defaults().engine.max_sessions, "sessions at once; further ones are refused");
+ABSL_FLAG(int, max_points, Defaults().engine.limits.max_points, "points of a session");
+ABSL_FLAG(int, max_frame_mib, static_cast<int>(Mebi(Defaults().engine.limits.max_frame_bytes)),
+          "size of one encoded frame, MiB");
+ABSL_FLAG(double, max_frame_megapixels, Defaults().engine.limits.max_frame_pixels / holdfast::kMega,
+          "size of one decoded frame, millions of pixels");
+ABSL_FLAG(int64_t, max_session_frames, Defaults().engine.limits.max_frames, "frames of a session; 0: endless");
+ABSL_FLAG(int64_t, cache_mib, Mebi(Defaults().engine.cache_budget_bytes),
+          "memory for the features of all sessions, MiB");
+ABSL_FLAG(int, max_batch_rows, Defaults().engine.max_batch_rows, "rows (point windows) refined in one batch");
+ABSL_FLAG(int, max_pending_frames, Defaults().engine.max_pending_frames,
+          "frames of a session that may wait to be encoded");
+ABSL_FLAG(absl::Duration, first_message_timeout, Defaults().first_message_timeout,
+          "from the start of a stream to its config");
+ABSL_FLAG(absl::Duration, idle_timeout, Defaults().idle_timeout,
           "ends a stream whose client neither sends nor reads; inf: never");
-ABSL_FLAG(absl::Duration, grace_period, absl::Seconds(20), "at shutdown, for running sessions to finish by themselves");
-ABSL_FLAG(absl::Duration, keepalive_time, absl::Minutes(2), "between pings to a silent client; inf: none");
-ABSL_FLAG(absl::Duration, max_connection_age, absl::InfiniteDuration(),
+ABSL_FLAG(absl::Duration, grace_period, Defaults().grace_period,
+          "at shutdown, for running sessions to finish by themselves");
+ABSL_FLAG(absl::Duration, keepalive_time, Defaults().keepalive_time, "between pings to a silent client; inf: none");
+ABSL_FLAG(absl::Duration, max_connection_age, Defaults().max_connection_age,
           "a connection takes no new streams after this; inf: for ever");
 ABSL_FLAG(std::string, log_format, "text", "text or json");
-ABSL_FLAG(std::string, log_level, "info", "trace, debug, info, warning, error, critical or off");
+ABSL_FLAG(std::string, log_level, Defaults().log_level, "trace, debug, info, warning, error, critical or off");
 
 namespace holdfast {
 namespace {
@@ -70,6 +100,9 @@ absl::StatusOr<LogFormat> ParseLogFormat(const std::string& text) {
   return BadFlag("log_format", text, "text or json");
 }
 
+// Rounded, so that the default in millions is the default in pixels.
+int64_t PixelsFromMega(double megapixels) { return std::llround(megapixels * kMega); }
+
 absl::StatusOr<std::string> WeightsFromFlags() {
   const std::string named = absl::GetFlag(FLAGS_weights);
   if (!named.empty()) return named;
@@ -95,10 +128,10 @@ absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
   options.max_sessions = absl::GetFlag(FLAGS_max_sessions);
   options.max_batch_rows = absl::GetFlag(FLAGS_max_batch_rows);
   options.max_pending_frames = absl::GetFlag(FLAGS_max_pending_frames);
-  options.cache_budget_bytes = absl::GetFlag(FLAGS_cache_mib) * (int64_t{1} << 20);
+  options.cache_budget_bytes = absl::GetFlag(FLAGS_cache_mib) * kMebi;
   options.limits.max_points = absl::GetFlag(FLAGS_max_points);
-  options.limits.max_frame_bytes = int64_t{absl::GetFlag(FLAGS_max_frame_mib)} << 20;
-  options.limits.max_frame_pixels = static_cast<int64_t>(absl::GetFlag(FLAGS_max_frame_megapixels) * 1e6);
+  options.limits.max_frame_bytes = absl::GetFlag(FLAGS_max_frame_mib) * kMebi;
+  options.limits.max_frame_pixels = PixelsFromMega(absl::GetFlag(FLAGS_max_frame_megapixels));
   options.limits.max_frames = absl::GetFlag(FLAGS_max_session_frames);
   return options;
 }

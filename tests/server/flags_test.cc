@@ -39,8 +39,23 @@ TEST_F(FlagsTest, DefaultsAreValid) {
   EXPECT_EQ(options->listen, "[::]:50051");
   EXPECT_EQ(options->metrics_listen, "0.0.0.0:9464");
   EXPECT_EQ(options->engine.processing_size, (ImageSize{512, 384}));
-  EXPECT_GE(options->engine.limits.max_frame_pixels, 3840 * 2160);
+  EXPECT_EQ(options->engine.limits.max_frame_pixels, 3840 * 2160);
   EXPECT_EQ(options->engine.cache_budget_bytes, int64_t{4} << 30);
+}
+
+TEST_F(FlagsTest, WhatIsNotGivenIsAsTheOptionsHaveIt) {
+  const auto options = OptionsWith({});
+  ASSERT_THAT(options, IsOk());
+  const ServerOptions defaults;
+  EXPECT_EQ(options->engine.limits.max_points, defaults.engine.limits.max_points);
+  EXPECT_EQ(options->engine.limits.max_frame_bytes, defaults.engine.limits.max_frame_bytes);
+  EXPECT_EQ(options->engine.limits.max_frame_pixels, defaults.engine.limits.max_frame_pixels);
+  EXPECT_EQ(options->engine.limits.max_frames, defaults.engine.limits.max_frames);
+  EXPECT_EQ(options->engine.cache_budget_bytes, defaults.engine.cache_budget_bytes);
+  EXPECT_EQ(options->engine.precision, defaults.engine.precision);
+  EXPECT_EQ(options->engine.hop_frames, defaults.engine.hop_frames);
+  EXPECT_EQ(options->grace_period, defaults.grace_period);
+  EXPECT_EQ(options->log_format, defaults.log_format);
 }
 
 TEST_F(FlagsTest, EveryKindOfFlagComesFromTheEnvironmentToo) {
