@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "flags/openmp_wait.h"
 #include "flags/program_flags.h"
 #include "proto/clock.h"
 #include "server/engine/engine.h"
@@ -90,4 +91,7 @@ int Main(const std::vector<std::string>& args) {
 }  // namespace
 }  // namespace holdfast
 
-int main(int argc, char** argv) { return holdfast::Main({argv + 1, argv + argc}); }
+int main(int argc, char** argv) {
+  holdfast::ChooseOpenMpWait(argv);
+  return holdfast::Main({argv + 1, argv + argc});
+}

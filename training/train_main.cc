@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "flags/openmp_wait.h"
 #include "flags/program_flags.h"
 #include "training/stop_signal.h"
 #include "training/train_flags.h"
@@ -61,4 +62,7 @@ int Main(const std::vector<std::string>& args) {
 }  // namespace
 }  // namespace holdfast
 
-int main(int argc, char** argv) { return holdfast::Main({argv + 1, argv + argc}); }
+int main(int argc, char** argv) {
+  holdfast::ChooseOpenMpWait(argv);
+  return holdfast::Main({argv + 1, argv + argc});
+}

@@ -6,6 +6,7 @@
 
 #include <cstdlib>
 
+#include "flags/openmp_wait.h"
 #include "model/correlation.h"
 #include "model/instance_norm.h"
 #include "model/patch_attention.h"
@@ -153,6 +154,7 @@ BENCHMARK(BM_TrainingStep)->UseRealTime()->Unit(benchmark::kMillisecond);
 }  // namespace holdfast
 
 int main(int argc, char** argv) {
+  holdfast::ChooseOpenMpWait(argv);  // as what is served
   const char* threads = std::getenv("HOLDFAST_BENCHMARK_THREADS");
   torch::set_num_threads(threads == nullptr ? 2 : std::atoi(threads));
   benchmark::Initialize(&argc, argv);
