@@ -7,6 +7,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
+#include "proto/steady_event.h"
 
 namespace holdfast {
 namespace {
@@ -26,7 +27,7 @@ struct FrameReader::Shared {
   absl::Mutex mutex;
   std::deque<absl::StatusOr<cv::Mat>> frames ABSL_GUARDED_BY(mutex);
   bool stopped ABSL_GUARDED_BY(mutex) = false;
-  bool done ABSL_GUARDED_BY(mutex) = false;  // nothing is read any more
+  SteadyEvent done;  // nothing is read any more
 };
 
 FrameReader::FrameReader(std::unique_ptr<FrameSource> source) : shared_(std::make_shared<Shared>()) {
@@ -36,12 +37,7 @@ FrameReader::FrameReader(std::unique_ptr<FrameSource> source) : shared_(std::mak
 
 FrameReader::~FrameReader() {
   Stop();
-  bool done;
-  {
-    absl::MutexLock lock(&shared_->mutex);
-    done = shared_->mutex.AwaitWithTimeout(absl::Condition(&shared_->done), kPatience);
-  }
-  if (done) {
+  if (shared_->done.WaitFor(kPatience)) {
     thread_.join();
   } else {
     thread_.detach();
@@ -70,8 +66,8 @@ void FrameReader::ReadToTheEnd(Shared& shared) {
     shared.mutex.Await(absl::Condition(&shared, &Shared::HasRoom));
     more = more && !shared.stopped;
     shared.frames.push_back(std::move(frame));
-    shared.done = !more;
   }
+  shared.done.Notify();
 }
 
 }  // namespace holdfast
