@@ -40,7 +40,8 @@ ABSL_FLAG(std::string, weights, "",
 ABSL_FLAG(std::string, device, Defaults().engine.device, "cpu, cuda, cuda:1, ...");
 ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
 ABSL_FLAG(int, compute_threads, Defaults().engine.compute_threads, "threads of one tensor operation; 0: all cores");
-ABSL_FLAG(int, decode_threads, Defaults().engine.decode_threads, "threads that decode frames");
+ABSL_FLAG(int, decode_threads, Defaults().engine.decode_threads,
+          "threads that decode frames; of several one is kept for sessions that use little");
 ABSL_FLAG(std::string, processing_size,
           absl::StrCat(Defaults().engine.processing_size.width, "x", Defaults().engine.processing_size.height),
           "default WIDTHxHEIGHT that frames are resized to; multiples of 32");

@@ -26,8 +26,8 @@ struct EngineOptions {
   std::string weights_path;
   std::string device = "cpu";  // as LibTorch names it: "cpu", "cuda", "cuda:1"
   Precision precision = Precision::kAuto;
-  int compute_threads = 0;  // threads of one tensor operation; 0: all cores
-  int decode_threads = 1;
+  int compute_threads = 0;                 // threads of one tensor operation; 0: all cores
+  int decode_threads = 2;                  // the last free one of several is kept for sessions that use little
   ImageSize processing_size = {512, 384};  // default of sessions; multiples of 32
   int hop_frames = 8;                      // default of sessions
   int iterations = 4;                      // default of sessions

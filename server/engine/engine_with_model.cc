@@ -23,8 +23,8 @@ std::string NewSessionId() {
 // The caller's end of a session.
 class SessionHandle final : public EngineSession {
  public:
-  SessionHandle(std::shared_ptr<Session> session, DecodePool& pool, Scheduler& scheduler)
-      : session_(std::move(session)), pool_(pool), scheduler_(scheduler) {}
+  SessionHandle(std::shared_ptr<Session> session, std::unique_ptr<DecodePool::Queue> decoding, Scheduler& scheduler)
+      : session_(std::move(session)), decoding_(std::move(decoding)), scheduler_(scheduler) {}
 
   ~SessionHandle() override {
     Cancel();
@@ -37,7 +37,7 @@ class SessionHandle final : public EngineSession {
     const int64_t index = frame.index;
     absl::StatusOr<Room> room = session_->PushFrame(std::move(frame));
     if (room.ok()) {
-      pool_.Submit([session = session_, index, &scheduler = scheduler_] {
+      decoding_->Submit([session = session_, index, &scheduler = scheduler_] {
         session->Decode(index);
         scheduler.Notify();
       });
@@ -71,7 +71,7 @@ class SessionHandle final : public EngineSession {
 
  private:
   const std::shared_ptr<Session> session_;
-  DecodePool& pool_;
+  const std::unique_ptr<DecodePool::Queue> decoding_;
   Scheduler& scheduler_;
 };
 
@@ -85,7 +85,7 @@ class EngineImpl final : public Engine {
         info_(MakeInfo(options, model_->info())),
         admission_({options.max_sessions, options.cache_budget_bytes}, metrics),
         scheduler_({options.max_batch_frames, options.max_batch_rows}, *model_, clock, metrics),
-        pool_(options.decode_threads) {}
+        pool_(options.decode_threads, clock) {}
 
   const TrackerInfo& info() const override { return info_; }
 
@@ -102,7 +102,7 @@ class EngineImpl final : public Engine {
     if (absl::Status status = session->inbox().AddPoints("config.points", config.points); !status.ok()) return status;
     metrics_.SessionOpened();
     scheduler_.Add(session);
-    return std::make_unique<SessionHandle>(std::move(session), pool_, scheduler_);
+    return std::make_unique<SessionHandle>(std::move(session), pool_.NewQueue(), scheduler_);
   }
 
  private:

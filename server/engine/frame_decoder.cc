@@ -7,7 +7,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "absl/strings/str_cat.h"
-#include "server/engine/image_header.h"
+#include "server/engine/jpeg_check.h"
+#include "server/engine/png_check.h"
 
 namespace holdfast {
 namespace {
@@ -16,37 +17,36 @@ int64_t BytesPerPixel(FrameEncoding encoding) { return encoding == FrameEncoding
 
 int64_t Pixels(ImageSize size) { return int64_t{size.width} * size.height; }
 
-absl::StatusOr<ImageSize> HeaderSize(absl::string_view bytes, const FrameFormat& format) {
+absl::StatusOr<ImageSize> EncodedSize(absl::string_view bytes, const FrameFormat& format) {
   switch (format.encoding) {
     case FrameEncoding::kJpeg:
-      return JpegSize(bytes);
+      return CheckJpeg(bytes);
     case FrameEncoding::kPng:
-      return PngSize(bytes);
+      return CheckPng(bytes);
     default:
       return format.raw_size;
   }
 }
 
-// A decoder fills what is missing with grey and says nothing: a picture that does not end is looked for here.
-bool IsTruncated(absl::string_view bytes, FrameEncoding encoding) {
-  const absl::string_view end = encoding == FrameEncoding::kJpeg ? "\xFF\xD9" : "IEND";
-  const size_t start = encoding == FrameEncoding::kJpeg ? bytes.rfind("\xFF\xDA") : 0;  // a thumbnail has its own end
-  return start == absl::string_view::npos || bytes.find(end, start) == absl::string_view::npos;
-}
-
-// The picture in the colours of the third argument of cvtColor; may look into 'bytes'.
-absl::StatusOr<cv::Mat> Open(absl::string_view bytes, const FrameFormat& format, ImageSize size) {
+absl::StatusOr<cv::Mat> DecodeWithOpenCv(absl::string_view bytes, ImageSize size) {
   char* data = const_cast<char*>(bytes.data());  // only read
-  if (IsRaw(format.encoding)) {
-    return cv::Mat(size.height, size.width, format.encoding == FrameEncoding::kGray8 ? CV_8UC1 : CV_8UC3, data);
-  }
-  if (IsTruncated(bytes, format.encoding)) return absl::InvalidArgumentError("truncated picture");
   const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8UC1, data);
   cv::Mat image = cv::imdecode(encoded, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
   if (image.cols != size.width || image.rows != size.height) {
     return absl::InvalidArgumentError("not a picture of the session's encoding, or broken");
   }
   return image;
+}
+
+// The picture in the colours of the third argument of cvtColor; may look into 'bytes'.
+absl::StatusOr<cv::Mat> Open(absl::string_view bytes, const FrameFormat& format, ImageSize size) {
+  if (IsRaw(format.encoding)) {
+    char* data = const_cast<char*>(bytes.data());  // only read
+    return cv::Mat(size.height, size.width, format.encoding == FrameEncoding::kGray8 ? CV_8UC1 : CV_8UC3, data);
+  }
+  if (format.encoding == FrameEncoding::kJpeg) return DecodeWithOpenCv(bytes, size);
+  if (absl::Status status = CheckPngData(bytes); !status.ok()) return status;
+  return DecodeWithOpenCv(PngWithoutMetadata(bytes), size);
 }
 
 void ToRgb(const cv::Mat& image, FrameEncoding encoding, cv::Mat& rgb) {
@@ -76,7 +76,7 @@ absl::StatusOr<RgbImage> Decode(absl::string_view bytes, const FrameFormat& form
 }  // namespace
 
 absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& format) {
-  const absl::StatusOr<ImageSize> size = HeaderSize(bytes, format);
+  const absl::StatusOr<ImageSize> size = EncodedSize(bytes, format);
   if (!size.ok()) return size.status();
   if (size->width <= 0 || size->height <= 0) return absl::InvalidArgumentError("a picture without pixels");
   if (Pixels(*size) > format.max_pixels) {

@@ -15,8 +15,10 @@ struct FrameFormat {
   int64_t max_pixels = 0;  // width x height of a frame
 };
 
-// The size of the picture in 'bytes', from its header or (raw) from the format, at no cost in memory.
-// INVALID_ARGUMENT: no such header, no pixels, too many, or raw bytes of another size.
+// The size of the picture in 'bytes', from its header or (raw) from the format, at no cost in memory and in time that
+// grows with the bytes alone: milliseconds for 16 MiB. INVALID_ARGUMENT: no such header, no pixels, too many, raw bytes
+// of another size, or a structure that would make a decoder work for longer than a picture takes (see jpeg_check.h and
+// png_check.h).
 absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& format);
 
 // Decodes to RGB, 8 bits a channel, in the orientation it is stored in, and resizes bilinearly to 'processing_size'.
