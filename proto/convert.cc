@@ -16,15 +16,8 @@ namespace {
 constexpr uint32_t kMaxSide = 1 << 16;  // pixels; keeps width x height x 3 far from overflow
 constexpr uint32_t kMaxCount = 1 << 20;
 constexpr size_t kMaxLabelBytes = 128;
-constexpr size_t kMaxViolations = 8;  // a message of a million wrong points is answered briefly
 constexpr int kSizeMultiple = 32;
 constexpr int64_t kMaxSeconds = int64_t{253402300799};  // year 9999, the last of google.protobuf.Timestamp
-
-using Violations = std::vector<FieldViolation>;
-
-void Add(Violations& violations, std::string field, std::string description) {
-  if (violations.size() < kMaxViolations) violations.push_back({std::move(field), std::move(description)});
-}
 
 v1::FrameEncoding EncodingToProto(FrameEncoding encoding) {
   switch (encoding) {
@@ -55,8 +48,8 @@ FrameEncoding EncodingFromProto(v1::FrameEncoding encoding, Violations& violatio
     case v1::FRAME_ENCODING_GRAY8:
       return FrameEncoding::kGray8;
     default:
-      Add(violations, "config.encoding",
-          absl::StrCat("is ", static_cast<int>(encoding), ", expected JPEG, PNG, RGB24, BGR24 or GRAY8"));
+      violations.Add("config.encoding",
+                     absl::StrCat("is ", static_cast<int>(encoding), ", expected JPEG, PNG, RGB24, BGR24 or GRAY8"));
       return FrameEncoding::kJpeg;
   }
 }
@@ -74,20 +67,20 @@ ImageSize SizeFromProto(const v1::ImageSize& size) {
 ImageSize CheckedSize(const v1::ImageSize& size, const std::string& field, int multiple, Violations& violations) {
   const auto good = [multiple](uint32_t side) { return side >= 1 && side <= kMaxSide && side % multiple == 0; };
   if (good(size.width()) && good(size.height())) return SizeFromProto(size);
-  Add(violations, field,
-      absl::StrCat("is ", size.width(), "x", size.height(), ", expected multiples of ", multiple, " up to ", kMaxSide));
+  violations.Add(field, absl::StrCat("is ", size.width(), "x", size.height(), ", expected multiples of ", multiple,
+                                     " up to ", kMaxSide));
   return {};
 }
 
 ImageSize RawSizeFromProto(const v1::SessionConfig& config, FrameEncoding encoding, Violations& violations) {
   if (IsRaw(encoding)) return CheckedSize(config.raw_size(), "config.raw_size", 1, violations);
-  if (config.has_raw_size()) Add(violations, "config.raw_size", "is set, expected absent: the encoding is not raw");
+  if (config.has_raw_size()) violations.Add("config.raw_size", "is set, expected absent: the encoding is not raw");
   return {};
 }
 
 int CountFromProto(uint32_t count, const std::string& field, Violations& violations) {
   if (count <= kMaxCount) return static_cast<int>(count);
-  Add(violations, field, absl::StrCat("is ", count, ", too large"));
+  violations.Add(field, absl::StrCat("is ", count, ", too large"));
   return 0;
 }
 
@@ -102,23 +95,38 @@ void PointsToProto(const std::vector<PointQuery>& points, Points* out) {
   }
 }
 
-void CheckCoordinate(float value, const std::string& field, Violations& violations) {
-  if (std::isfinite(value) && value >= 0) return;
-  Add(violations, field, absl::StrCat("is ", value, ", expected a position inside the frame"));
+// 'field' is the path of the list, e.g. "config.points".
+bool CountIsGood(int count, const std::string& field, Violations& violations) {
+  if (count <= kMaxPointsInMessage) return true;
+  violations.Add(field, absl::StrCat("has ", count, " elements, expected at most ", kMaxPointsInMessage));
+  return false;
 }
 
-// 'field' is the path of the list, e.g. "config.points".
+// What is wrong with one coordinate of element 'index' of the list 'field'.
+void CheckCoordinate(float value, absl::string_view field, size_t index, absl::string_view axis,
+                     Violations& violations) {
+  if (std::isfinite(value) && value >= 0) return;
+  violations.AddMade([&] {
+    return FieldViolation{absl::StrCat(field, "[", index, "]", axis),
+                          absl::StrCat("is ", value, ", expected a position inside the frame")};
+  });
+}
+
 template <typename Points>
 std::vector<PointQuery> PointsFromProto(const Points& points, const std::string& field, Violations& violations) {
   std::vector<PointQuery> result;
+  if (!CountIsGood(points.size(), field, violations)) return result;
   result.reserve(points.size());
   absl::flat_hash_set<PointId> seen;
   for (const v1::Point& point : points) {
-    const std::string path = absl::StrCat(field, "[", result.size(), "]");
-    CheckCoordinate(point.x(), path + ".x", violations);
-    CheckCoordinate(point.y(), path + ".y", violations);
+    const size_t index = result.size();
+    CheckCoordinate(point.x(), field, index, ".x", violations);
+    CheckCoordinate(point.y(), field, index, ".y", violations);
     if (!seen.insert(point.id()).second) {
-      Add(violations, path + ".id", absl::StrCat("is ", point.id(), " once more in the same message"));
+      violations.AddMade([&] {
+        return FieldViolation{absl::StrCat(field, "[", index, "].id"),
+                              absl::StrCat("is ", point.id(), " once more in the same message")};
+      });
     }
     result.push_back({point.id(), point.x(), point.y()});
   }
@@ -130,7 +138,7 @@ std::optional<absl::Time> TimeFromProto(const v1::Frame& frame, Violations& viol
   const int64_t seconds = frame.capture_time().seconds();
   const int32_t nanos = frame.capture_time().nanos();
   if (seconds < -kMaxSeconds || seconds > kMaxSeconds || nanos < 0 || nanos > 999'999'999) {
-    Add(violations, "frame.capture_time", "is out of range");
+    violations.Add("frame.capture_time", "is out of range");
     return std::nullopt;
   }
   return absl::FromUnixSeconds(seconds) + absl::Nanoseconds(nanos);
@@ -169,12 +177,13 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   out.iterations = CountFromProto(config.iterations(), "config.iterations", violations);
   out.send_provisional = !config.final_only();
   out.points = PointsFromProto(config.points(), "config.points", violations);
-  out.label = config.label();
-  if (out.label.size() > kMaxLabelBytes) {
-    Add(violations, "config.label",
-        absl::StrCat("has ", out.label.size(), " bytes, expected at most ", kMaxLabelBytes));
+  if (config.label().size() <= kMaxLabelBytes) {
+    out.label = config.label();
+  } else {
+    violations.Add("config.label",
+                   absl::StrCat("has ", config.label().size(), " bytes, expected at most ", kMaxLabelBytes));
   }
-  if (!violations.empty()) return InvalidFieldsError(violations);
+  if (!violations.empty()) return violations.ToStatus();
   return out;
 }
 
@@ -193,8 +202,8 @@ absl::StatusOr<Frame> FromProto(v1::Frame&& frame) {
   out.index = frame.index();
   out.capture_time = TimeFromProto(frame, violations);
   out.points = PointsFromProto(frame.points(), "frame.points", violations);
-  if (frame.data().empty()) Add(violations, "frame.data", absl::StrCat("of frame ", frame.index(), " is empty"));
-  if (!violations.empty()) return InvalidFieldsError(violations);
+  if (frame.data().empty()) violations.Add("frame.data", absl::StrCat("of frame ", frame.index(), " is empty"));
+  if (!violations.empty()) return violations.ToStatus();
   out.bytes = std::move(*frame.mutable_data());
   return out;
 }
@@ -208,7 +217,7 @@ v1::AddPoints AddPointsToProto(const std::vector<PointQuery>& points) {
 absl::StatusOr<std::vector<PointQuery>> FromProto(const v1::AddPoints& add) {
   Violations violations;
   std::vector<PointQuery> points = PointsFromProto(add.points(), "add_points.points", violations);
-  if (!violations.empty()) return InvalidFieldsError(violations);
+  if (!violations.empty()) return violations.ToStatus();
   return points;
 }
 
@@ -218,6 +227,10 @@ v1::RemovePoints RemovePointsToProto(const std::vector<PointId>& ids) {
   return out;
 }
 
-std::vector<PointId> FromProto(const v1::RemovePoints& remove) { return {remove.ids().begin(), remove.ids().end()}; }
+absl::StatusOr<std::vector<PointId>> FromProto(const v1::RemovePoints& remove) {
+  Violations violations;
+  if (!CountIsGood(remove.ids_size(), "remove_points.ids", violations)) return violations.ToStatus();
+  return std::vector<PointId>(remove.ids().begin(), remove.ids().end());
+}
 
 }  // namespace holdfast

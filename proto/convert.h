@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plain values <-> protocol messages. FromProto checks everything that can be seen in the message alone (finite
-// numbers, duplicate ids, sizes, lengths); what depends on limits or on the state of a session is the engine's
-// business. What a client may get wrong is INVALID_ARGUMENT with field violations; what only a broken server sends is
-// INTERNAL.
+// Plain values <-> protocol messages. FromProto checks everything that can be seen in the message alone (counts, before
+// anything is made of the elements; finite numbers, duplicate ids, sizes, lengths); what depends on limits or on the
+// state of a session is the engine's business. What a client may get wrong is INVALID_ARGUMENT with field violations;
+// what only a broken server sends is INTERNAL.
 #pragma once
 
 #include <vector>
@@ -22,7 +22,7 @@ v1::RemovePoints RemovePointsToProto(const std::vector<PointId>& ids);
 absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config);
 absl::StatusOr<Frame> FromProto(v1::Frame&& frame);
 absl::StatusOr<std::vector<PointQuery>> FromProto(const v1::AddPoints& add);
-std::vector<PointId> FromProto(const v1::RemovePoints& remove);
+absl::StatusOr<std::vector<PointId>> FromProto(const v1::RemovePoints& remove);
 
 // What the server answers.
 v1::SessionAccepted ToProto(const SessionAccepted& accepted);

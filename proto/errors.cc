@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "proto/errors.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -24,15 +25,33 @@ json Payload(const absl::Status& status, absl::string_view url) {
   return payload ? json::parse(std::string(*payload), nullptr, /*allow_exceptions=*/false) : json();
 }
 
+std::string Shortened(absl::string_view text) {
+  if (text.size() <= kMaxViolationText) return std::string(text);
+  return absl::StrCat(text.substr(0, kMaxViolationText), "...");
+}
+
 }  // namespace
 
-absl::Status InvalidFieldsError(const std::vector<FieldViolation>& violations) {
+void Violations::Append(Violations other) {
+  for (FieldViolation& v : other.named_) Add(std::move(v.field), std::move(v.description));
+  unnamed_ += other.unnamed_;
+}
+
+absl::Status Violations::ToStatus() const { return empty() ? absl::OkStatus() : InvalidFieldsError(named_, unnamed_); }
+
+absl::Status InvalidFieldsError(const std::vector<FieldViolation>& violations, int64_t unnamed) {
+  const size_t named = std::min(violations.size(), kMaxFieldViolations);
   json list = json::array();
-  for (const FieldViolation& v : violations) list.push_back({{"field", v.field}, {"description", v.description}});
-  absl::Status status =
-      absl::InvalidArgumentError(absl::StrJoin(violations, "; ", [](std::string* out, const FieldViolation& v) {
-        absl::StrAppend(out, v.field, ": ", v.description);
-      }));
+  std::vector<std::string> texts;
+  for (size_t i = 0; i < named; ++i) {
+    const std::string field = Shortened(violations[i].field), description = Shortened(violations[i].description);
+    texts.push_back(absl::StrCat(field, ": ", description));
+    list.push_back({{"field", field}, {"description", description}});
+  }
+  if (const int64_t more = static_cast<int64_t>(violations.size() - named) + unnamed; more > 0) {
+    texts.push_back(absl::StrCat("and ", more, " more"));
+  }
+  absl::Status status = absl::InvalidArgumentError(absl::StrJoin(texts, "; "));
   status.SetPayload(kFieldsPayload, absl::Cord(Dump(list)));
   return status;
 }

@@ -3,8 +3,11 @@
 // They travel as payloads of absl::Status, so that modules without protobuf can make and read them.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -18,8 +21,39 @@ struct FieldViolation {
   std::string description;  // the value and what was expected
 };
 
-// INVALID_ARGUMENT naming every violation in its message. REQUIRES: violations is not empty.
-absl::Status InvalidFieldsError(const std::vector<FieldViolation>& violations);
+// An error names this many violations and counts the rest: a request of a million mistakes is answered briefly.
+constexpr size_t kMaxFieldViolations = 8;
+// Bytes of a field's path, and of a description, that an error quotes.
+constexpr size_t kMaxViolationText = 160;
+
+// What is wrong with one request, as far as an error names it.
+class Violations {
+ public:
+  void Add(std::string field, std::string description) {
+    AddMade([&] { return FieldViolation{std::move(field), std::move(description)}; });
+  }
+  // For loops: 'make' returns the FieldViolation and is called only if that will be named.
+  template <typename Make>
+  void AddMade(Make make) {
+    if (named_.size() < kMaxFieldViolations) {
+      named_.push_back(make());
+    } else {
+      ++unnamed_;
+    }
+  }
+  void Append(Violations other);
+  bool empty() const { return named_.empty() && unnamed_ == 0; }
+  // OK when there are none, else INVALID_ARGUMENT.
+  absl::Status ToStatus() const;
+
+ private:
+  std::vector<FieldViolation> named_;
+  int64_t unnamed_ = 0;
+};
+
+// INVALID_ARGUMENT naming the first kMaxFieldViolations in its message and counting the others, 'unnamed' ones
+// included. REQUIRES: there is a violation.
+absl::Status InvalidFieldsError(const std::vector<FieldViolation>& violations, int64_t unnamed = 0);
 absl::Status InvalidFieldError(absl::string_view field, absl::string_view description);
 
 // Empty when 'status' carries none.

@@ -16,8 +16,7 @@ namespace {
 
 // Trailing metadata is limited to 8 KiB in all by most peers, and details travel in base64.
 constexpr size_t kMaxMessage = 512;
-constexpr size_t kMaxText = 160;
-constexpr size_t kMaxViolations = 8;
+constexpr size_t kMaxText = kMaxViolationText + 3;  // with the dots of what was cut before
 
 // Printable ASCII only: protobuf strings must be UTF-8, and a client's bytes come back in error texts.
 std::string Safe(absl::string_view text, size_t limit) {
@@ -42,7 +41,7 @@ std::string PublicMessage(const absl::Status& status) {
 void AddBadRequest(const std::vector<FieldViolation>& violations, google::rpc::Status& out) {
   if (violations.empty()) return;
   google::rpc::BadRequest bad_request;
-  for (size_t i = 0; i < std::min(violations.size(), kMaxViolations); ++i) {
+  for (size_t i = 0; i < std::min(violations.size(), kMaxFieldViolations); ++i) {
     auto* violation = bad_request.add_field_violations();
     violation->set_field(Safe(violations[i].field, kMaxText));
     violation->set_description(Safe(violations[i].description, kMaxText));

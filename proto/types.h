@@ -15,6 +15,9 @@ namespace holdfast {
 // Chosen by the caller, unique within a session.
 using PointId = uint64_t;
 
+// Most points of a message, whatever a server's own limit is: longer lists are refused before they are looked at.
+constexpr int kMaxPointsInMessage = 1 << 16;
+
 struct ImageSize {
   int width = 0;   // pixels
   int height = 0;  // pixels

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "proto/types.h"
 
 namespace holdfast {
 namespace {
@@ -33,6 +34,10 @@ absl::Status ServerOptions::Validate() const {
   if (grace_period < absl::ZeroDuration()) return absl::InvalidArgumentError("grace_period is negative");
   if (listen.empty()) return absl::InvalidArgumentError("listen is empty, expected host:port");
   if (metrics_listen.empty()) return absl::InvalidArgumentError("metrics_listen is empty, expected host:port");
+  if (engine.limits.max_points > kMaxPointsInMessage) {
+    return absl::InvalidArgumentError(absl::StrCat("max_points is ", engine.limits.max_points, ", expected at most ",
+                                                   kMaxPointsInMessage, ", the most of one message"));
+  }
   if (engine.weights_path.empty()) return absl::InvalidArgumentError("weights is empty, expected a path");
   if (!IsLogLevel(log_level)) {
     return absl::InvalidArgumentError(

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/track_reactor.h"
 
+#include <string>
 #include <utility>
 
 #include "absl/strings/escaping.h"
@@ -8,14 +9,23 @@
 #include "proto/convert.h"
 #include "proto/errors.h"
 #include "proto/grpc_status.h"
+#include "server/message_codec.h"
 
 namespace holdfast {
 namespace {
 
-constexpr size_t kMaxWarnings = 16;  // waiting to be sent; later ones are dropped
+constexpr size_t kMaxWarnings = 16;     // waiting to be sent; later ones are dropped
+constexpr size_t kMaxLoggedText = 300;  // bytes
 
 bool IsServersFault(const absl::Status& status) {
   return absl::IsInternal(status) || absl::IsUnknown(status) || absl::IsDataLoss(status);
+}
+
+// Code and text, cut: the text may quote what a stranger sent.
+std::string ForLog(const absl::Status& status) {
+  const absl::string_view text = status.message();
+  return absl::StrCat(absl::StatusCodeToString(status.code()), text.empty() ? "" : ": ", text.substr(0, kMaxLoggedText),
+                      text.size() > kMaxLoggedText ? "..." : "");
 }
 
 }  // namespace
@@ -44,8 +54,7 @@ void TrackReactor::OnReadDone(bool ok) {
     session = session_.get();
   }
   if (!ok) return InputEnded(session);
-  const absl::Status status = session == nullptr ? Open() : Apply(*session);
-  if (!status.ok()) return End(status);
+  if (absl::Status status = Handle(session); !status.ok()) return End(status);
   absl::MutexLock lock(&mu_);
   reading_ = false;  // not before: writes and the engine start reads too, and messages have to stay in their order
   MaybeReadLocked();
@@ -61,22 +70,32 @@ void TrackReactor::InputEnded(EngineSession* session) {
   session->Finish();
 }
 
-absl::Status TrackReactor::Open() {
-  if (!request_.has_config()) {
+absl::Status TrackReactor::Handle(EngineSession* session) {
+  v1::TrackRequest request;
+  if (absl::Status status = ParseRequest(request_, deps_.engine.info().limits.max_points, request); !status.ok()) {
+    return status;
+  }
+  return session == nullptr ? Open(request) : Apply(std::move(request), *session);
+}
+
+absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
+  if (!request.has_config()) {
     return InvalidFieldError("config", "is missing: the first message of a stream has to be the config");
   }
-  absl::StatusOr<SessionConfig> config = FromProto(request_.config());
+  absl::StatusOr<SessionConfig> config = FromProto(request.config());
   if (!config.ok()) return config.status();
   absl::StatusOr<std::unique_ptr<EngineSession>> opened = deps_.engine.OpenSession(*config, *this);
   if (!opened.ok()) return opened.status();
 
+  const std::shared_ptr<spdlog::logger> log =
+      deps_.log->clone(absl::StrCat((*opened)->accepted().session_id, "/", absl::Utf8SafeCHexEscape(config->label)));
+  log->info(absl::StrCat("session opened with ", config->points.size(), " points"));
   EngineSession* late = nullptr;
   {
     absl::MutexLock lock(&mu_);
     session_ = *std::move(opened);
     accepted_ = session_->accepted();
-    log_ = deps_.log->clone(absl::StrCat(accepted_->session_id, "/", absl::Utf8SafeCHexEscape(config->label)));
-    log_->info(absl::StrCat("session opened with ", config->points.size(), " points"));
+    log_ = log;
     if (cancelled_ || done_) late = session_.get();
     MaybeWriteLocked();
   }
@@ -84,26 +103,28 @@ absl::Status TrackReactor::Open() {
   return absl::OkStatus();
 }
 
-absl::Status TrackReactor::Apply(EngineSession& session) {
-  switch (request_.request_case()) {
+absl::Status TrackReactor::Apply(v1::TrackRequest request, EngineSession& session) {
+  switch (request.request_case()) {
     case v1::TrackRequest::kConfig:
       return InvalidFieldError("config", "came once more; it is sent once, as the first message");
     case v1::TrackRequest::kFrame:
-      return PushFrame(session);
+      return PushFrame(std::move(*request.mutable_frame()), session);
     case v1::TrackRequest::kAddPoints: {
-      const auto points = FromProto(request_.add_points());
+      const auto points = FromProto(request.add_points());
       return points.ok() ? session.AddPoints(*points) : points.status();
     }
-    case v1::TrackRequest::kRemovePoints:
-      return session.RemovePoints(FromProto(request_.remove_points()));
+    case v1::TrackRequest::kRemovePoints: {
+      const auto ids = FromProto(request.remove_points());
+      return ids.ok() ? session.RemovePoints(*ids) : ids.status();
+    }
     case v1::TrackRequest::REQUEST_NOT_SET:
       break;
   }
   return InvalidFieldError("request", "is empty or of an unknown kind");
 }
 
-absl::Status TrackReactor::PushFrame(EngineSession& session) {
-  absl::StatusOr<Frame> frame = FromProto(std::move(*request_.mutable_frame()));
+absl::Status TrackReactor::PushFrame(v1::Frame&& message, EngineSession& session) {
+  absl::StatusOr<Frame> frame = FromProto(std::move(message));
   if (!frame.ok()) return frame.status();
   {
     absl::MutexLock lock(&mu_);
@@ -161,8 +182,13 @@ void TrackReactor::OnTracks(TrackUpdate update) {
 }
 
 void TrackReactor::OnWarning(const absl::Status& warning) {
+  std::shared_ptr<spdlog::logger> log;
+  {
+    absl::MutexLock lock(&mu_);
+    log = log_;
+  }
+  log->warn(absl::StrCat("warning: ", ForLog(warning)));
   absl::MutexLock lock(&mu_);
-  log_->warn(absl::StrCat("warning: ", warning.ToString()));
   if (cancelled_ || warnings_.size() >= kMaxWarnings) return;
   warnings_.push_back(warning);
   MaybeWriteLocked();
@@ -246,20 +272,22 @@ void TrackReactor::MaybeWriteLocked() {
 
 // Fills response_ with what has to be sent next; false: nothing waits.
 bool TrackReactor::NextResponseLocked() {
+  v1::TrackResponse response;
   if (accepted_) {
-    *response_.mutable_accepted() = ToProto(*accepted_);
+    *response.mutable_accepted() = ToProto(*accepted_);
     accepted_.reset();
   } else if (!warnings_.empty()) {
-    *response_.mutable_warning() = ToRpcStatus(warnings_.front());
+    *response.mutable_warning() = ToRpcStatus(warnings_.front());
     warnings_.erase(warnings_.begin());
   } else if (!outbox_.empty()) {
-    *response_.mutable_tracks() = ToProto(outbox_.Take(deps_.options.max_message_bytes));
+    *response.mutable_tracks() = ToProto(outbox_.Take(deps_.options.max_message_bytes));
   } else if (summary_) {
-    *response_.mutable_summary() = ToProto(*summary_);
+    *response.mutable_summary() = ToProto(*summary_);
     summary_.reset();
   } else {
     return false;
   }
+  response_ = SerializeResponse(response);
   return true;
 }
 
@@ -272,8 +300,7 @@ void TrackReactor::MaybeFinishLocked() {
 
 void TrackReactor::LogEndLocked() {
   const auto level = IsServersFault(*done_) ? spdlog::level::err : spdlog::level::info;
-  log_->log(level, absl::StrCat(session_ == nullptr ? "stream" : "session", " ended: ",
-                                absl::StatusCodeToString(done_->code()), done_->ok() ? "" : ": ", done_->message()));
+  log_->log(level, absl::StrCat(session_ == nullptr ? "stream" : "session", " ended: ", ForLog(*done_)));
 }
 
 }  // namespace holdfast

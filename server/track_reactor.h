@@ -32,8 +32,7 @@ struct StreamOptions {
 // engine has no room, or the client leaves too many results unread, the next read is not started, so HTTP/2 slows the
 // client. Finish() is called once, after the engine session reported its end. After gRPC's OnDone the reactor calls
 // 'retire'; its owner then destroys it on a thread that may block, because the engine session's destructor may.
-class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>,
-                           private SessionListener {
+class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>, private SessionListener {
  public:
   struct Deps {
     Engine& engine;
@@ -65,9 +64,11 @@ class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::
 
   EngineSession* session() ABSL_LOCKS_EXCLUDED(mu_);
   void InputEnded(EngineSession* session) ABSL_LOCKS_EXCLUDED(mu_);
-  absl::Status Open() ABSL_LOCKS_EXCLUDED(mu_);
-  absl::Status Apply(EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
-  absl::Status PushFrame(EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
+  // Takes the message in request_.
+  absl::Status Handle(EngineSession* session) ABSL_LOCKS_EXCLUDED(mu_);
+  absl::Status Open(const v1::TrackRequest& request) ABSL_LOCKS_EXCLUDED(mu_);
+  absl::Status Apply(v1::TrackRequest request, EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
+  absl::Status PushFrame(v1::Frame&& message, EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
   void MaybeReadLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
   void MaybeWriteLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
   bool NextResponseLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
@@ -78,8 +79,8 @@ class TrackReactor final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::
   const Deps deps_;
   const SteadyTime started_;
   // The buffers belong to gRPC while a read or a write is in flight.
-  v1::TrackRequest request_;
-  v1::TrackResponse response_;
+  grpc::ByteBuffer request_;
+  grpc::ByteBuffer response_;
 
   // No engine method is called with mu_ held: the engine calls the listener with its own locks held.
   absl::Mutex mu_;

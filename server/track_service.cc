@@ -17,7 +17,7 @@ constexpr absl::Duration kFlushTime = absl::Seconds(10);  // after the grace per
 constexpr absl::Duration kRetryAfter = absl::Seconds(2);
 
 // Ends a call that was not admitted.
-class RefusedCall final : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse> {
+class RefusedCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
  public:
   explicit RefusedCall(const absl::Status& status) { Finish(ToGrpcStatus(status)); }
   void OnDone() override { delete this; }  // owned by the call
@@ -66,8 +66,7 @@ absl::Status TrackService::AdmitLocked() {
   return absl::OkStatus();
 }
 
-grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* TrackService::Track(
-    grpc::CallbackServerContext* context) {
+grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track(grpc::CallbackServerContext* context) {
   absl::MutexLock lock(&mu_);
   const absl::Status admitted = AdmitLocked();
   if (!admitted.ok()) return new RefusedCall(admitted);

@@ -23,8 +23,9 @@ namespace holdfast {
 
 // The gRPC service: admits streams, owns their reactors and ends them at a drain. New streams are refused with
 // UNAVAILABLE before Serve and after Drain, with RESOURCE_EXHAUSTED while too many are open. A thread of its own
-// destroys what ended and watches the timeouts. Thread-safe.
-class TrackService final : public v1::PointTracking::CallbackService {
+// destroys what ended and watches the timeouts. Messages of Track come as bytes: see message_codec.h. Thread-safe.
+class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track<
+                               v1::PointTracking::WithCallbackMethod_GetServerInfo<v1::PointTracking::Service>> {
  public:
   struct Options {
     StreamOptions stream;
@@ -42,7 +43,7 @@ class TrackService final : public v1::PointTracking::CallbackService {
   // they are ended with UNAVAILABLE after their results were sent, and at last cut off.
   void Drain() ABSL_LOCKS_EXCLUDED(mu_);
 
-  grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* Track(grpc::CallbackServerContext* context) override
+  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Track(grpc::CallbackServerContext* context) override
       ABSL_LOCKS_EXCLUDED(mu_);
   grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
                                           v1::GetServerInfoResponse* response) override ABSL_LOCKS_EXCLUDED(mu_);

@@ -68,6 +68,7 @@ void Session::Admit(const DecodedFrame& frame, FrameFeaturesPtr features, Tracke
 void Session::ApplyOps(TrackerModel& model) {
   const std::vector<PointOp> ops = inbox_.TakeOps(tracks_.cache().newest());
   const int64_t before = tracks_.tracks();
+  for (const PointOp& op : ops) summary_.points += op.seeds;
   for (size_t i = 0; i < ops.size();) {
     if (ops[i].kind == PointOp::Kind::kRemove) {
       tracks_.Remove(ops[i].query.id, ops[i].frame);
@@ -92,7 +93,6 @@ void Session::Seed(const std::vector<PointQuery>& queries, int64_t frame, Tracke
   for (size_t i = 0; i < queries.size(); ++i) {
     tracks_.Seed({queries[i], frame, positions[i], std::move(features[i])});
   }
-  summary_.points += static_cast<int64_t>(queries.size());
 }
 
 void Session::CountPoints(int64_t before) {

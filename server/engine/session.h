@@ -14,6 +14,7 @@
 #include "server/engine/engine.h"
 #include "server/engine/latency_log.h"
 #include "server/engine/metrics.h"
+#include "server/engine/point_queue.h"
 #include "server/engine/session_inbox.h"
 #include "server/engine/track_set.h"
 #include "server/engine/tracker_model.h"

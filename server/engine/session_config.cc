@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/session_config.h"
 
-#include <utility>
-#include <vector>
+#include <optional>
+#include <string>
 
 #include "absl/strings/str_cat.h"
 #include "proto/errors.h"
@@ -10,8 +10,6 @@
 
 namespace holdfast {
 namespace {
-
-using Violations = std::vector<FieldViolation>;
 
 constexpr size_t kMaxLabelBytes = 128;
 constexpr int kSizeStep = 32;  // pixels
@@ -22,21 +20,21 @@ std::string ToString(ImageSize size) { return absl::StrCat(size.width, "x", size
 void CheckRawSize(const SessionConfig& config, const EngineOptions& options, Violations& violations) {
   const ImageSize size = config.raw_size;
   if (!IsRaw(config.encoding)) {
-    if (!size.empty()) violations.push_back({"config.raw_size", "only raw encodings have one"});
+    if (!size.empty()) violations.Add("config.raw_size", "only raw encodings have one");
   } else if (size.width <= 0 || size.height <= 0) {
-    violations.push_back({"config.raw_size", "raw encodings need the size of the frames"});
+    violations.Add("config.raw_size", "raw encodings need the size of the frames");
   } else if (Pixels(size) > options.limits.max_frame_pixels) {
-    violations.push_back({"config.raw_size",
-                          absl::StrCat(ToString(size), " is more than ", options.limits.max_frame_pixels, " pixels")});
+    violations.Add("config.raw_size",
+                   absl::StrCat(ToString(size), " is more than ", options.limits.max_frame_pixels, " pixels"));
   }
 }
 
 void CheckProcessingSize(ImageSize size, const EngineOptions& options, Violations& violations) {
   if (size.width <= 0 || size.height <= 0 || size.width % kSizeStep != 0 || size.height % kSizeStep != 0) {
-    violations.push_back({"config.processing_size", absl::StrCat(ToString(size), " is not a multiple of ", kSizeStep)});
+    violations.Add("config.processing_size", absl::StrCat(ToString(size), " is not a multiple of ", kSizeStep));
   } else if (Pixels(size) > options.max_processing_pixels) {
-    violations.push_back({"config.processing_size",
-                          absl::StrCat(ToString(size), " is more than ", options.max_processing_pixels, " pixels")});
+    violations.Add("config.processing_size",
+                   absl::StrCat(ToString(size), " is more than ", options.max_processing_pixels, " pixels"));
   }
 }
 
@@ -49,12 +47,10 @@ void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options,
   const int lowest = options.chaining == Chaining::kPublished ? accepted.window_frames - 1 : 1;
   const int highest = accepted.window_frames - 1;
   if (accepted.hop_frames < lowest || accepted.hop_frames > highest) {
-    violations.push_back(
-        {"config.hop_frames", absl::StrCat(accepted.hop_frames, " is not in ", lowest, " .. ", highest)});
+    violations.Add("config.hop_frames", absl::StrCat(accepted.hop_frames, " is not in ", lowest, " .. ", highest));
   }
   if (accepted.iterations < 1 || accepted.iterations > options.max_iterations) {
-    violations.push_back(
-        {"config.iterations", absl::StrCat(accepted.iterations, " is not in 1 .. ", options.max_iterations)});
+    violations.Add("config.iterations", absl::StrCat(accepted.iterations, " is not in 1 .. ", options.max_iterations));
   }
 }
 
@@ -62,6 +58,8 @@ void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options,
 
 absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const EngineOptions& options,
                                           const ModelInfo& model) {
+  const int64_t count = static_cast<int64_t>(config.points.size());
+  if (absl::Status status = CheckPointCount(count, options.limits.max_points); !status.ok()) return status;
   SessionAccepted accepted;
   accepted.processing_size = config.processing_size.empty() ? options.processing_size : config.processing_size;
   accepted.window_frames = model.window_frames;
@@ -73,16 +71,12 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   CheckProcessingSize(accepted.processing_size, options, violations);
   CheckNumbers(accepted, options, violations);
   if (config.label.size() > kMaxLabelBytes) {
-    violations.push_back({"config.label", absl::StrCat("longer than ", kMaxLabelBytes, " bytes")});
+    violations.Add("config.label", absl::StrCat("longer than ", kMaxLabelBytes, " bytes"));
   }
   std::optional<ImageSize> frame;
   if (IsRaw(config.encoding) && config.raw_size.width > 0 && config.raw_size.height > 0) frame = config.raw_size;
-  for (FieldViolation& v : CheckPoints("config.points", config.points, frame)) violations.push_back(std::move(v));
-  if (!violations.empty()) return InvalidFieldsError(violations);
-  if (static_cast<int64_t>(config.points.size()) > options.limits.max_points) {
-    return OverloadError("points of a session", absl::StrCat("at most ", options.limits.max_points),
-                         absl::ZeroDuration());
-  }
+  violations.Append(CheckPoints("config.points", config.points, frame));
+  if (!violations.empty()) return violations.ToStatus();
   return accepted;
 }
 

@@ -8,8 +8,8 @@
 
 namespace holdfast {
 
-// What a session with this configuration gets: defaults filled in, session_id left empty. INVALID_ARGUMENT names every
-// field that is wrong ("config.…").
+// What a session with this configuration gets: defaults filled in, session_id left empty. RESOURCE_EXHAUSTED at once
+// for too many points; INVALID_ARGUMENT names the fields that are wrong ("config.…").
 absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const EngineOptions& options,
                                           const ModelInfo& model);
 

@@ -10,6 +10,8 @@
 namespace holdfast {
 namespace {
 
+constexpr absl::string_view kFramePoints = "frame.points";
+
 absl::Status BadFrame(int64_t index, const absl::Status& why) {
   if (!absl::IsInvalidArgument(why)) return why;
   return InvalidFieldError("frame.data", absl::StrCat("frame ", index, ": ", why.message()));
@@ -19,19 +21,25 @@ std::string ToString(ImageSize size) { return absl::StrCat(size.width, "x", size
 
 }  // namespace
 
-SessionInbox::SessionInbox(const Options& options) : options_(options) {
+SessionInbox::SessionInbox(const Options& options) : options_(options), points_(options.limits.max_points) {
   if (IsRaw(options.format.encoding)) frame_size_ = options.format.raw_size;
 }
 
 absl::StatusOr<Room> SessionInbox::Push(Frame frame, SteadyTime now) {
   const absl::StatusOr<ImageSize> size = FrameSize(frame.bytes, options_.format);
+  const absl::Status count = CheckPointCount(static_cast<int64_t>(frame.points.size()), options_.limits.max_points);
+  Violations violations;
+  if (size.ok() && count.ok()) violations = CheckPoints(kFramePoints, frame.points, *size);
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
   if (absl::Status status = CheckFrameLocked(frame, size); !status.ok()) return status;
-  if (absl::Status status = CheckPointsLocked(frame, *size); !status.ok()) return status;
+  if (!count.ok()) return count;
+  if (!frame_size_) points_.CheckPositions(*size, violations);  // those that came before the first frame
+  if (!violations.empty()) return violations.ToStatus();
+  if (absl::Status status = points_.CheckSeeds(kFramePoints, frame.points, frame.index); !status.ok()) return status;
   frame_size_ = *size;
-  unchecked_.clear();
-  SeedLocked(frame.points, frame.index);
+  points_.StartFrame(frame.index);
+  points_.Seed(kFramePoints, frame.points);
   pending_.push_back({frame.index, now, std::move(frame.bytes), std::nullopt});
   ++received_;
   told_full_ = FullLocked();
@@ -66,50 +74,32 @@ absl::Status SessionInbox::CheckFrameLocked(const Frame& frame, const absl::Stat
   return absl::OkStatus();
 }
 
-absl::Status SessionInbox::CheckPointsLocked(const Frame& frame, ImageSize size) const {
-  std::vector<FieldViolation> violations = CheckPoints("frame.points", frame.points, size);
-  for (const Unchecked& message : unchecked_) {
-    for (FieldViolation& v : CheckPoints(message.list, message.points, size)) violations.push_back(std::move(v));
-  }
-  if (!violations.empty()) return InvalidFieldsError(violations);
-  return CheckCountLocked(frame.points);
-}
-
-absl::Status SessionInbox::CheckCountLocked(const std::vector<PointQuery>& points) const {
-  const int64_t fresh = std::count_if(points.begin(), points.end(), [this](const PointQuery& p) {
-    mutex_.AssertHeld();
-    return !ids_.contains(p.id);
-  });
-  if (static_cast<int64_t>(ids_.size()) + fresh <= options_.limits.max_points) return absl::OkStatus();
-  return OverloadError("points of a session", absl::StrCat("at most ", options_.limits.max_points),
-                       absl::ZeroDuration());
+absl::StatusOr<std::optional<ImageSize>> SessionInbox::SizeIfOpen() const {
+  absl::MutexLock lock(&mutex_);
+  if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
+  return frame_size_;
 }
 
 absl::Status SessionInbox::AddPoints(absl::string_view list, const std::vector<PointQuery>& points) {
+  const auto size = SizeIfOpen();
+  if (!size.ok()) return size.status();
+  const int64_t count = static_cast<int64_t>(points.size());
+  if (absl::Status status = CheckPointCount(count, options_.limits.max_points); !status.ok()) return status;
+  Violations violations = CheckPoints(list, points, *size);
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
-  std::vector<FieldViolation> violations = CheckPoints(list, points, frame_size_);
-  if (!violations.empty()) return InvalidFieldsError(violations);
-  if (absl::Status status = CheckCountLocked(points); !status.ok()) return status;
-  if (!frame_size_) unchecked_.push_back({std::string(list), points});
-  SeedLocked(points, std::max<int64_t>(received_ - 1, 0));
+  if (frame_size_ != *size) violations = CheckPoints(list, points, frame_size_);  // the first frame came meanwhile
+  if (!violations.empty()) return violations.ToStatus();
+  if (absl::Status status = points_.CheckSeeds(list, points, points_.frame()); !status.ok()) return status;
+  points_.Seed(list, points);
   return absl::OkStatus();
-}
-
-void SessionInbox::SeedLocked(const std::vector<PointQuery>& points, int64_t frame) {
-  for (const PointQuery& query : points) {
-    ids_.insert(query.id);
-    ops_.push_back({PointOp::Kind::kSeed, frame, query});
-  }
 }
 
 absl::Status SessionInbox::RemovePoints(const std::vector<PointId>& ids) {
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
-  for (const PointId id : ids) {
-    if (ids_.erase(id) == 0) continue;
-    ops_.push_back({PointOp::Kind::kRemove, std::max<int64_t>(received_ - 1, 0), {id}});
-  }
+  if (absl::Status status = points_.CheckRemovals("remove_points.ids", ids); !status.ok()) return status;
+  points_.Remove(ids);
   return absl::OkStatus();
 }
 
@@ -118,7 +108,7 @@ void SessionInbox::End(absl::Status status) {
   if (ended_) return;
   ended_ = true;
   end_status_ = std::move(status);
-  if (received_ == 0) ops_.clear();  // there will be no frame for them
+  if (received_ == 0) points_.DropFrom(0);  // there will be no frame for them
 }
 
 void SessionInbox::Cancel() {
@@ -182,17 +172,12 @@ SessionInbox::Taken SessionInbox::TakeFrames(int64_t count) {
 
 std::vector<PointOp> SessionInbox::TakeOps(int64_t newest_frame) {
   absl::MutexLock lock(&mutex_);
-  std::vector<PointOp> ops;
-  while (!ops_.empty() && ops_.front().frame <= newest_frame) {
-    ops.push_back(ops_.front());
-    ops_.pop_front();
-  }
-  return ops;
+  return points_.Take(newest_frame);
 }
 
 bool SessionInbox::drained() const {
   absl::MutexLock lock(&mutex_);
-  return ended_ && pending_.empty() && ops_.empty();
+  return ended_ && pending_.empty() && points_.empty();
 }
 
 bool SessionInbox::cancelled() const {
@@ -225,7 +210,7 @@ void SessionInbox::DropFromLocked(int64_t index) {
     pending_.pop_back();
     ++dropped_;
   }
-  while (!ops_.empty() && ops_.back().frame >= index) ops_.pop_back();
+  points_.DropFrom(index);
 }
 
 SessionInbox::Pending* SessionInbox::FindLocked(int64_t index) {

@@ -8,26 +8,19 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/container/flat_hash_set.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/synchronization/mutex.h"
 #include "proto/clock.h"
 #include "proto/errors.h"
 #include "proto/types.h"
 #include "server/engine/engine.h"
 #include "server/engine/frame_decoder.h"
+#include "server/engine/point_queue.h"
 #include "server/engine/tracker_model.h"
 
 namespace holdfast {
-
-// A change of the points, in the order of the stream.
-struct PointOp {
-  enum class Kind { kSeed, kRemove };
-  Kind kind = Kind::kSeed;
-  int64_t frame = 0;  // takes effect when this frame is there
-  PointQuery query;   // kRemove: only its id
-};
 
 struct DecodedFrame {
   int64_t index = 0;
@@ -37,7 +30,8 @@ struct DecodedFrame {
 };
 
 // What a stream has sent and the engine has not taken yet: bounded, checked, in order. Callers push, the decode pool
-// fills frames in, the compute thread takes them. Thread-safe.
+// fills frames in, the compute thread takes them. Points are counted before anything else is done with them, and looked
+// at outside the lock that the compute thread takes. Thread-safe.
 class SessionInbox {
  public:
   struct Options {
@@ -50,7 +44,7 @@ class SessionInbox {
   // --- The stream. The caller decides what follows an error: nothing has changed by then.
   // Checks everything that the bytes' header can tell.
   absl::StatusOr<Room> Push(Frame frame, SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
-  // 'list' names the field in errors. Queried at the newest frame, or at the first.
+  // 'list' names the field in errors and outlives the inbox. Queried at the newest frame, or at the first.
   absl::Status AddPoints(absl::string_view list, const std::vector<PointQuery>& points) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status RemovePoints(const std::vector<PointId>& ids) ABSL_LOCKS_EXCLUDED(mutex_);
   // No more input; the session ends with 'status' when it has worked off what is here. Only the first call counts.
@@ -93,17 +87,11 @@ class SessionInbox {
     std::string bytes;
     std::optional<DecodedFrame> decoded;
   };
-  struct Unchecked {  // points that came before the size of the frames was known
-    std::string list;
-    std::vector<PointQuery> points;
-  };
-
   absl::Status CheckOpenLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status CheckFrameLocked(const Frame& frame, const absl::StatusOr<ImageSize>& size) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  absl::Status CheckPointsLocked(const Frame& frame, ImageSize size) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  absl::Status CheckCountLocked(const std::vector<PointQuery>& points) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void SeedLocked(const std::vector<PointQuery>& points, int64_t frame) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // What AddPoints needs to look at points without the lock.
+  absl::StatusOr<std::optional<ImageSize>> SizeIfOpen() const ABSL_LOCKS_EXCLUDED(mutex_);
   void DropFromLocked(int64_t index) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Pending* FindLocked(int64_t index) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t ReadyLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -112,9 +100,7 @@ class SessionInbox {
   const Options options_;
   mutable absl::Mutex mutex_;
   std::deque<Pending> pending_ ABSL_GUARDED_BY(mutex_);  // consecutive frames
-  std::deque<PointOp> ops_ ABSL_GUARDED_BY(mutex_);      // by frame
-  std::vector<Unchecked> unchecked_ ABSL_GUARDED_BY(mutex_);
-  absl::flat_hash_set<PointId> ids_ ABSL_GUARDED_BY(mutex_);  // tracked once every operation has taken effect
+  PointQueue points_ ABSL_GUARDED_BY(mutex_);
   std::optional<ImageSize> frame_size_ ABSL_GUARDED_BY(mutex_);
   int64_t received_ ABSL_GUARDED_BY(mutex_) = 0;
   int64_t dropped_ ABSL_GUARDED_BY(mutex_) = 0;

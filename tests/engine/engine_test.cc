@@ -169,6 +169,19 @@ TEST_F(EngineTest, RemovedAndReSeededPointsEndAndStartWhereTheyShould) {
   EXPECT_EQ(listener.summary().points, 4);
 }
 
+TEST_F(EngineTest, OfPointsReSeededAtOneFrameTheLastSeedsAreTrackedAndAllAreCounted) {
+  RecordingListener listener;
+  auto session = Open(Config({{1, 1, 1}, {2, 2, 2}}), listener);
+  for (int i = 0; i < 50; ++i) ASSERT_THAT(session->AddPoints({{1, static_cast<float>(i), 5}}), IsOk());
+  PushFrames(*session, listener, 0, 10);
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  EXPECT_EQ(listener.Final(1).at(0).x, 49);
+  EXPECT_FLOAT_EQ(listener.Final(1).at(9).x, 49 + 9 * 4);
+  EXPECT_FLOAT_EQ(listener.Final(2).at(9).x, 2 + 9 * 4);
+  EXPECT_EQ(listener.summary().points, 52);
+}
+
 TEST_F(EngineTest, SessionsOfDifferentSizesShareTheEngine) {
   RecordingListener small, large;
   auto first = Open(Config({{1, 1, 1}}), small);

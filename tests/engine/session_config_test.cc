@@ -64,6 +64,18 @@ TEST(SessionConfigTest, BoundsTheProcessingSizeAndThePoints) {
   config.processing_size = {64, 64};
   config.points = {{1}, {2}};
   EXPECT_THAT(Negotiate(config, options, {}), StatusIs(absl::StatusCode::kResourceExhausted));
+  config.points = {{1, -1}, {1, -1}};
+  EXPECT_THAT(Negotiate(config, options, {}), StatusIs(absl::StatusCode::kResourceExhausted))
+      << "counted before anything else";
+}
+
+TEST(SessionConfigTest, NamesTheFirstViolationsAndCountsTheRest) {
+  SessionConfig config;
+  config.hop_frames = 24;
+  for (PointId id = 0; id < 2000; ++id) config.points.push_back({id, -1, -1});
+  const absl::Status status = Negotiate(config, {}, {}).status();
+  EXPECT_EQ(Fields(status).size(), kMaxFieldViolations);
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("; and 3993 more")));
 }
 
 TEST(SessionConfigTest, ThePublishedChainingHasOneHop) {

@@ -106,6 +106,60 @@ TEST(SessionInboxTest, KnowsTheBoundsOfRawFramesAtOnce) {
               ElementsAre("add_points.points[1].x"));
 }
 
+TEST(SessionInboxTest, CountsPointsBeforeItLooksAtThem) {
+  SessionInbox inbox(Raw());
+  const std::vector<PointQuery> bad(6, {1, -1, NAN});
+  EXPECT_THAT(inbox.AddPoints("p", bad), StatusIs(kExhausted, HasSubstr("at most 5")));
+  Frame frame = RawFrame(0);
+  frame.points = bad;
+  EXPECT_THAT(Push(inbox, frame), StatusIs(kExhausted, HasSubstr("at most 5")));
+  EXPECT_THAT(Push(inbox, RawFrame(0)), IsOk()) << "nothing had changed";
+}
+
+TEST(SessionInboxTest, NamesTheFirstViolationsAndCountsTheRest) {
+  SessionInbox::Options options = Png();
+  options.limits.max_points = 2000;
+  SessionInbox inbox(options);
+  std::vector<PointQuery> bad(2000, {1, -1, NAN});
+  absl::Status status = inbox.AddPoints("p", bad);
+  EXPECT_THAT(FieldViolations(status), SizeIs(kMaxFieldViolations));
+  EXPECT_THAT(status, StatusIs(kInvalid, HasSubstr("; and 5991 more")));  // two coordinates and the id, but the first
+  EXPECT_LT(status.message().size(), 600U);
+  // The same for points that are found to be outside when the first frame comes.
+  std::vector<PointQuery> outside;
+  for (PointId id = 0; id < 2000; ++id) outside.push_back({id, 8, 8});
+  ASSERT_THAT(inbox.AddPoints("config.points", outside), IsOk());
+  status = Push(inbox, PngFrame(0, 8, 8)).status();
+  EXPECT_THAT(FieldViolations(status), SizeIs(kMaxFieldViolations));
+  EXPECT_THAT(status, StatusIs(kInvalid, HasSubstr("config.points[0].x: 8 is not in 0 .. 7")));
+  EXPECT_THAT(status, StatusIs(kInvalid, HasSubstr("; and 3992 more")));
+}
+
+TEST(SessionInboxTest, OfPointsReSeededBeforeTheFirstFrameOnlyTheLastSeedsMatter) {
+  SessionInbox inbox(Png());
+  for (int i = 0; i < 10'000; ++i) {
+    ASSERT_THAT(inbox.AddPoints("p", {{1, 900, 900}, {2, 900, 900}}), IsOk());
+    ASSERT_THAT(inbox.RemovePoints({2}), IsOk());
+  }
+  ASSERT_THAT(inbox.AddPoints("p", {{1, 3, 3}, {2, 4, 4}}), IsOk());
+  EXPECT_THAT(Push(inbox, PngFrame(0, 8, 8)), IsOk());
+  const std::vector<PointOp> ops = inbox.TakeOps(0);
+  ASSERT_THAT(ops, SizeIs(2));
+  EXPECT_EQ(ops[0].query.x, 3);
+  EXPECT_EQ(ops[0].seeds, 10'001);
+  EXPECT_EQ(ops[1].query.x, 4);
+}
+
+TEST(SessionInboxTest, RefusesChangesThatPileUpAtOneFrame) {
+  SessionInbox inbox(Raw());
+  absl::Status status;
+  for (PointId id = 0; status.ok() && id < 10'000; ++id) {
+    status = inbox.AddPoints("add_points.points", {{id, 1, 1}});
+    if (status.ok()) status = inbox.RemovePoints({id});
+  }
+  EXPECT_THAT(status, StatusIs(kExhausted, HasSubstr("add_points.points: at most 1044 changes")));
+}
+
 TEST(SessionInboxTest, BoundsPointsAndFrames) {
   SessionInbox::Options options = Raw();
   options.limits.max_frames = 1;

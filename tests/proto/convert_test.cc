@@ -17,6 +17,7 @@ namespace {
 
 using ::testing::Contains;
 using ::testing::ElementsAre;
+using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
 std::vector<std::string> Fields(const absl::Status& status) {
@@ -103,7 +104,23 @@ TEST(ConvertTest, SeveralMistakesAreReportedTogetherButNotWithoutEnd) {
   config.set_label(std::string(200, 'x'));
   EXPECT_THAT(Fields(FromProto(config).status()), ElementsAre("config.encoding", "config.label"));
   for (int i = 0; i < 1000; ++i) config.add_points()->set_x(std::nanf(""));
-  EXPECT_THAT(FieldViolations(FromProto(config).status()), SizeIs(8));
+  const absl::Status status = FromProto(config).status();
+  EXPECT_THAT(FieldViolations(status), SizeIs(kMaxFieldViolations));
+  // The encoding, a thousand x that are no numbers, 999 ids that stood before, and the label.
+  EXPECT_THAT(status.message(), HasSubstr("; and 1993 more"));
+}
+
+TEST(ConvertTest, ListsAreCountedBeforeTheirElementsAreLookedAt) {
+  const std::vector<PointQuery> points(kMaxPointsInMessage + 1, {1, -1, std::nanf("")});
+  SessionConfig config;
+  config.points = points;
+  EXPECT_THAT(Fields(FromProto(ToProto(config)).status()), ElementsAre("config.points"));
+  EXPECT_THAT(Fields(FromProto(ToProto(Frame{0, "x", {}, points})).status()), ElementsAre("frame.points"));
+  EXPECT_THAT(FromProto(AddPointsToProto(points)),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("add_points.points: has 65537 elements, expected at most 65536")));
+  EXPECT_THAT(Fields(FromProto(RemovePointsToProto(std::vector<PointId>(kMaxPointsInMessage + 1))).status()),
+              ElementsAre("remove_points.ids"));
 }
 
 TEST(ConvertTest, FrameSurvivesTheRoundTrip) {
@@ -133,7 +150,7 @@ TEST(ConvertTest, PointsToAddAndRemoveSurviveTheRoundTrip) {
   const auto added = FromProto(AddPointsToProto({{1, 2, 3}}));
   ASSERT_THAT(added, IsOk());
   EXPECT_EQ(added->front().y, 3);
-  EXPECT_THAT(FromProto(RemovePointsToProto({5, 6})), ElementsAre(5U, 6U));
+  EXPECT_THAT(FromProto(RemovePointsToProto({5, 6})), IsOkAndHolds(ElementsAre(5U, 6U)));
   EXPECT_THAT(Fields(FromProto(AddPointsToProto({{1, std::nanf(""), 3}})).status()),
               Contains("add_points.points[0].x"));
 }

@@ -84,7 +84,9 @@ TEST(GrpcStatusTest, TextsOfInternalErrorsStayInside) {
 TEST(GrpcStatusTest, EverythingFitsIntoTrailingMetadata) {
   std::vector<FieldViolation> violations;
   for (int i = 0; i < 1000; ++i) violations.push_back({std::string(5000, 'f'), std::string(5000, '\n')});
-  const grpc::Status status = ToGrpcStatus(InvalidFieldsError(violations));
+  const absl::Status error = InvalidFieldsError(violations);
+  EXPECT_LT(error.message().size(), 3000U) << "bounded where it is made";
+  const grpc::Status status = ToGrpcStatus(error);
   EXPECT_LT(status.error_message().size(), 600U);
   EXPECT_LT(status.error_details().size() * 4 / 3 + status.error_message().size(), 8000U);
   EXPECT_THAT(FieldViolations(FromGrpcStatus(status)), SizeIs(8));

@@ -21,6 +21,8 @@
 namespace holdfast {
 namespace {
 
+using ::testing::HasSubstr;
+
 class RobustnessTest : public ::testing::Test {
  protected:
   void ExpectAlive() {
@@ -103,6 +105,30 @@ TEST_F(RobustnessTest, MessagesThatAreNoMessagesEndTheirOwnCall) {
     SendRaw(channel, bytes);
   }
   ExpectAlive();
+}
+
+TEST_F(RobustnessTest, AMillionBadPointsAreRefusedBeforeTheyAreParsed) {
+  v1::TrackRequest config, add;
+  for (int i = 0; i < 1'000'000; ++i) {
+    config.mutable_config()->add_points()->set_x(-1);
+    add.mutable_add_points()->add_points()->set_x(-1);
+  }
+  constexpr auto kExhausted = absl::StatusCode::kResourceExhausted;
+  EXPECT_THAT(FromGrpcStatus(SendRaw(server_.NewChannel(), config.SerializeAsString())),
+              StatusIs(kExhausted, HasSubstr("points of a session: at most 2048")));
+  TrackCall call(server_.NewChannel(), JpegConfig());
+  call.SendFrames(2);
+  call.Send(add);
+  EXPECT_THAT(call.ReadToEnd(), StatusIs(kExhausted, HasSubstr("points of a session: at most 2048")));
+  EXPECT_EQ(call.tracks[7].size(), 2U) << "what came before is still tracked";
+  ExpectAlive();
+}
+
+TEST_F(RobustnessTest, BytesThatAreNoMessageAreAnsweredAsSuch) {
+  v1::TrackRequest config;
+  *config.mutable_config() = ToProto(JpegConfig());
+  EXPECT_THAT(FromGrpcStatus(SendRaw(server_.NewChannel(), config.SerializeAsString() + "\xff\xff")),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("request: is not a message")));
 }
 
 // Streams cancelled by their clients at points in time that differ from run to run.

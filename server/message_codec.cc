@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/message_codec.h"
+
+#include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/wire_format_lite.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/support/proto_buffer_reader.h>
+
+#include <cstdint>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
+#include "holdfast/v1/point_tracking.grpc.pb.h"  // how gRPC turns messages into bytes
+#include "proto/errors.h"
+
+namespace holdfast {
+namespace {
+
+using google::protobuf::internal::WireFormatLite;
+using google::protobuf::io::CodedInputStream;
+
+constexpr int64_t kPointBytes = 32;    // a point on the wire takes at most 23, an id to remove 11
+constexpr int64_t kOtherBytes = 4096;  // everything else but a frame's data
+
+constexpr uint32_t TagOf(int field) { return static_cast<uint32_t>(field) << 3 | 2; }  // of a length-delimited field
+constexpr uint32_t kFrameTag = TagOf(v1::TrackRequest::kFrameFieldNumber);
+constexpr uint32_t kDataTag = TagOf(v1::Frame::kDataFieldNumber);
+
+// Walks over a message as far as it is well-formed and within 'most' bytes beside the data of frames.
+class Measure {
+ public:
+  Measure(CodedInputStream& in, int64_t most) : in_(in), most_(most) {}
+
+  bool Fits() {
+    while (const uint32_t tag = in_.ReadTag()) {
+      if (!(tag == kFrameTag ? WalkFrame() : WireFormatLite::SkipField(&in_, tag))) break;
+      if (Exceeded()) break;
+    }
+    return !Exceeded();
+  }
+
+ private:
+  bool Exceeded() const { return in_.CurrentPosition() - data_ > most_; }
+
+  // False: there is no use in going on.
+  bool WalkFrame() {
+    uint32_t size = 0;
+    if (!in_.ReadVarint32(&size)) return false;
+    const CodedInputStream::Limit outer = in_.PushLimit(static_cast<int>(size));
+    while (const uint32_t tag = in_.ReadTag()) {
+      if (!(tag == kDataTag ? WalkData() : WireFormatLite::SkipField(&in_, tag))) return false;
+      if (Exceeded()) return false;
+    }
+    in_.PopLimit(outer);
+    return true;
+  }
+
+  bool WalkData() {
+    uint32_t size = 0;
+    if (!in_.ReadVarint32(&size) || !in_.Skip(static_cast<int>(size))) return false;
+    data_ += size;
+    return true;
+  }
+
+  CodedInputStream& in_;
+  const int64_t most_;
+  int64_t data_ = 0;
+};
+
+bool Fits(grpc::ByteBuffer& bytes, int64_t most) {
+  grpc::ProtoBufferReader reader(&bytes);
+  CodedInputStream in(&reader);
+  return Measure(in, most).Fits();
+}
+
+}  // namespace
+
+absl::Status ParseRequest(grpc::ByteBuffer& bytes, int max_points, v1::TrackRequest& request) {
+  const int64_t most = kOtherBytes + kPointBytes * max_points;
+  if (static_cast<int64_t>(bytes.Length()) > most && !Fits(bytes, most)) {
+    bytes.Clear();
+    return OverloadError(
+        "points of a session",
+        absl::StrCat("at most ", max_points, "; a message has more than the ", most, " bytes that they need"),
+        absl::ZeroDuration());
+  }
+  if (grpc::SerializationTraits<v1::TrackRequest>::Deserialize(&bytes, &request).ok()) return absl::OkStatus();
+  return InvalidFieldError("request", "is not a message of this protocol");
+}
+
+grpc::ByteBuffer SerializeResponse(const v1::TrackResponse& response) {
+  grpc::ByteBuffer bytes;
+  bool own = false;
+  // Fails for messages beyond 2 GiB only; those that are sent here are bounded far below.
+  (void)grpc::SerializationTraits<v1::TrackResponse>::Serialize(response, &bytes, &own);
+  return bytes;
+}
+
+}  // namespace holdfast
