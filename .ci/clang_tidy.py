@@ -11,6 +11,7 @@ import concurrent.futures
 import hashlib
 import json
 import pathlib
+import shlex
 import subprocess
 import sys
 import time
@@ -41,7 +42,8 @@ class Source:
 
     def __init__(self, command, dependencies, common):
         self.name = pathlib.Path(command["file"]).relative_to(ROOT).as_posix()
-        made_of = dependencies.get(command.get("output", ""))
+        words = shlex.split(command["command"])
+        made_of = dependencies.get(words[words.index("-o") + 1])
         if made_of is None:
             sys.exit(f"{self.name} is not built: build {command['directory']} first")
         digest = hashlib.sha256((common + command["command"]).encode())
