@@ -2,8 +2,8 @@
 """Tracks in bfloat16 are those in float32, at sizes that are landscape, portrait, small and odd multiples of 32.
 
 A point on weak or repeated texture comes to rest elsewhere after the smallest change, so that no fixed bound holds for
-all points. The yardstick is a change of the input that nobody sees: bfloat16 must move the demo's points no further from
-float32 than sending the frames as JPEG of quality 95 in place of 92 does.
+all points. The yardstick is a change of the input that nobody sees: bfloat16 must move the demo's points no further
+from float32 than sending the frames as JPEG of quality 95 in place of 92 does.
 
 Usage: precision_test.py HOLDFAST_SERVER HOLDFAST
 """
