@@ -47,9 +47,8 @@ absl::Status RemoteStream::Start(const SessionConfig& config, absl::Duration ans
 absl::Status RemoteStream::PushFrame(Frame frame) {
   v1::TrackRequest request;
   *request.mutable_frame() = ToProto(std::move(frame));
-  const absl::Status written = Write(request);
-  if (written.ok()) last_frame_ = request.frame().index();
-  return written;
+  last_frame_ = request.frame().index();  // before the write: its answer may end the call while the write returns
+  return Write(request);
 }
 
 absl::Status RemoteStream::AddPoints(std::vector<PointQuery> points) {

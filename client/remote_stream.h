@@ -54,7 +54,7 @@ class RemoteStream final : public TrackStream {
   const std::unique_ptr<v1::PointTracking::Stub> stub_;
   const std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> call_;
   std::atomic<bool> cancelled_{false};     // by the caller
-  std::atomic<int64_t> last_frame_{-1};    // index of the newest frame sent
+  std::atomic<int64_t> last_frame_{-1};    // index of the newest frame given to the call
   bool half_closed_ = false;               // of the writing thread
   std::optional<SessionSummary> summary_;  // of the reading thread
 
