@@ -51,7 +51,8 @@ class Plug {
 // Moved by hand, and counts how often it is read: a pool reads it before and after each job.
 class CountingClock final : public Clock {
  public:
-  absl::Time Now() const override ABSL_LOCKS_EXCLUDED(mutex_) {
+  absl::Time WallNow() const override { return absl::UnixEpoch(); }
+  SteadyTime SteadyNow() const override ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
     ++reads_;
     changed_.SignalAll();
@@ -59,7 +60,7 @@ class CountingClock final : public Clock {
   }
   void Advance(absl::Duration duration) ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
-    now_ += duration;
+    now_ += absl::ToChronoNanoseconds(duration);
   }
   void AwaitReads(int count) ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
@@ -70,7 +71,7 @@ class CountingClock final : public Clock {
   mutable absl::Mutex mutex_;
   mutable absl::CondVar changed_;
   mutable int reads_ ABSL_GUARDED_BY(mutex_) = 0;
-  absl::Time now_ ABSL_GUARDED_BY(mutex_) = absl::UnixEpoch();
+  SteadyTime now_ ABSL_GUARDED_BY(mutex_);
 };
 
 class DecodePoolTest : public ::testing::Test {
