@@ -100,6 +100,7 @@ TEST_F(DecodePoolTest, AHealthySessionWaitsOnlyForTheJobThatIsRunning) {
   bool waiting = false;
   int begun = 0;
   absl::Notification done;
+  std::function<void(DecodePool::Queue&)> slow;  // outlives the pool, whose last jobs call it
   DecodePool pool(1, clock_);
   Plug plug(pool);
   const Queues hostile = NewQueues(pool, 10);
@@ -110,7 +111,7 @@ TEST_F(DecodePoolTest, AHealthySessionWaitsOnlyForTheJobThatIsRunning) {
     waiting = false;
     if (waits.size() == kFrames) done.Notify();
   };
-  std::function<void(DecodePool::Queue&)> slow = [&](DecodePool::Queue& queue) {
+  slow = [&](DecodePool::Queue& queue) {
     if (waits.size() >= kFrames) return;
     ++begun;
     if (!waiting) {
