@@ -26,11 +26,7 @@ void AddLoss(const LossValues& loss, LossValues& sum) {
 }  // namespace
 
 BatchGradients::BatchGradients(const Recipe& recipe, uint64_t seed, torch::Device device, const Parts& parts)
-    : recipe_(recipe),
-      seed_(seed),
-      device_(device),
-      parts_(parts),
-      working_(parts.model, parts.dtype) {}
+    : recipe_(recipe), seed_(seed), device_(device), parts_(parts), working_(parts.model, parts.dtype) {}
 
 absl::Status BatchGradients::OpenLoader(int64_t batch, double progress) {
   const Phase* phase = &recipe_.PhaseAt(progress);
