@@ -193,9 +193,6 @@ class TrackRun final : public TrackObserver {
       }
       return;
     }
-    if (sent_ < total_frames_) {
-      environment_.log << "warning: the input announces " << total_frames_ << " frames and gave " << sent_ << "\n";
-    }
     WarnOfLatePoints();
     environment_.log << absl::StrFormat("%d points, final on all %d frames\n", table_.tracks().size(), extent.frames);
     for (const std::string& path : files) environment_.log << "wrote " << path << "\n";

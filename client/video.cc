@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -41,45 +40,6 @@ absl::StatusOr<cv::Mat> WithoutException(const std::string& name, const std::fun
   }
 }
 
-// OpenCV calls it the end of a video when nothing more can be read. A file that was cut off in the middle is told from
-// a whole one by what it announces, with care: the number of frames is a guess in some files, so that the time has to
-// be short as well; and a trimmed MP4 or QuickTime file announces what its edit list hides, so that these are believed.
-class VideoEnd {
- public:
-  VideoEnd(std::string input, const cv::VideoCapture& capture)
-      : input_(std::move(input)),
-        announced_(capture.get(cv::CAP_PROP_FRAME_COUNT)),
-        seconds_(announced_ / UsableFps(capture.get(cv::CAP_PROP_FPS))),
-        may_hide_frames_(HasEditLists(input_)) {}
-
-  // 'milliseconds': of the frame that was read; 0 where the decoder does not know.
-  void Read(double milliseconds) {
-    ++read_;
-    last_seconds_ = std::max(last_seconds_, milliseconds / 1000);
-  }
-  // Whether this can be the end.
-  bool Check() const { return may_hide_frames_ || read_ >= announced_ || last_seconds_ + kSlackSeconds >= seconds_; }
-  absl::Status Error() const {
-    return absl::DataLossError(absl::StrCat(input_, ": breaks off after ", read_, " of ", announced_, " frames"));
-  }
-
- private:
-  static constexpr double kSlackSeconds = 1;
-
-  static bool HasEditLists(const std::string& path) {
-    std::string head(8, '\0');
-    std::ifstream(path, std::ios::binary).read(head.data(), static_cast<std::streamsize>(head.size()));
-    return absl::EndsWith(head, "ftyp");
-  }
-
-  const std::string input_;
-  const double announced_;  // frames; not positive where the file does not say
-  const double seconds_;
-  const bool may_hide_frames_;
-  int64_t read_ = 0;
-  double last_seconds_ = 0;
-};
-
 int Scaled(int side, double factor) { return std::max(1, static_cast<int>(std::lround(side * factor))); }
 
 ImageSize Limited(ImageSize size, int max_side) {
@@ -115,16 +75,12 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::s
   });
   if (!opened.ok()) return opened.status();
   if (!capture->isOpened()) return absl::InvalidArgumentError(absl::StrCat(input, ": is not a video that can be read"));
-  const auto read = [input, capture, end = VideoEnd(input, *capture)]() mutable -> absl::StatusOr<cv::Mat> {
-    absl::StatusOr<cv::Mat> frame = WithoutException(input, [&capture] {
-      cv::Mat picture;
-      capture->read(picture);
-      return picture.clone();  // the next read reuses the memory
+  const auto read = [input, capture] {
+    return WithoutException(input, [&capture] {
+      cv::Mat frame;
+      capture->read(frame);
+      return frame.clone();  // the next read reuses the memory
     });
-    if (!frame.ok()) return frame;
-    if (frame->empty()) return end.Check() ? frame : end.Error();
-    end.Read(capture->get(cv::CAP_PROP_POS_MSEC));
-    return frame;
   };
   return std::unique_ptr<FrameSource>(new FrameSource(input, read, capture->get(cv::CAP_PROP_FPS),
                                                       std::llround(capture->get(cv::CAP_PROP_FRAME_COUNT))));

@@ -20,7 +20,7 @@ class FrameSource {
   // device such as /dev/video0. Reads the first frame, so that an input without frames is an error here.
   static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input);
 
-  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame. DATA_LOSS where the input breaks off.
+  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame.
   absl::StatusOr<cv::Mat> Next();
 
   ImageSize size() const { return {first_.cols, first_.rows}; }

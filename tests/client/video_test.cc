@@ -5,9 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
-#include <iterator>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/videoio.hpp>
 #include <vector>
 
 #include "tests/support/status_matchers.h"
@@ -68,63 +66,6 @@ TEST(FrameSourceTest, AVideoFileGivesAllItsFrames) {
   int frames = 0;
   while (!(*source)->Next()->empty()) ++frames;
   EXPECT_EQ(frames, 160);
-}
-
-void WriteVideo(const std::string& path, const char* codec, int frames) {
-  cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]), 10,
-                         {64, 48});
-  for (int i = 0; i < frames; ++i) writer.write(Flat(64, 48, i));
-}
-
-std::string Content(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
-// Reads to the end; returns how many frames came before it.
-int ReadAll(FrameSource& source, absl::Status* end) {
-  for (int frames = 0;; ++frames) {
-    const auto frame = source.Next();
-    *end = frame.status();
-    if (!frame.ok() || frame->empty()) return frames;
-  }
-}
-
-TEST(FrameSourceTest, AVideoThatBreaksOffIsAnErrorAfterItsFrames) {
-  const TempDir dir;
-  WriteVideo(dir.File("whole.avi"), "MJPG", 40);
-  const std::string whole = Content(dir.File("whole.avi"));
-  std::ofstream(dir.File("broken.avi"), std::ios::binary) << whole.substr(0, whole.size() / 2);
-  absl::Status end;
-  auto source = FrameSource::Open(dir.File("whole.avi"));
-  ASSERT_THAT(source, IsOk());
-  EXPECT_EQ(ReadAll(**source, &end), 40);
-  EXPECT_THAT(end, IsOk());
-  source = FrameSource::Open(dir.File("broken.avi"));
-  ASSERT_THAT(source, IsOk());
-  const int frames = ReadAll(**source, &end);
-  EXPECT_GT(frames, 5);
-  EXPECT_LT(frames, 30);
-  EXPECT_THAT(end, StatusIs(absl::StatusCode::kDataLoss,
-                            HasSubstr("broken.avi: breaks off after " + std::to_string(frames) + " of 40 frames")));
-}
-
-// Such files come from cutting a film without encoding it anew.
-TEST(FrameSourceTest, FramesThatAnEditListHidesAreNotMissed) {
-  const TempDir dir;
-  WriteVideo(dir.File("whole.mp4"), "mp4v", 40);
-  std::string file = Content(dir.File("whole.mp4"));
-  const size_t list = file.rfind("elst");
-  ASSERT_NE(list, std::string::npos);
-  // Version, number of edits, then of the first one: its duration in ms, and the tick at which it begins.
-  file.replace(list + 12, 8, std::string("\0\0\x09\xc4\0\0\x3c\0", 8));  // 2.5 s from tick 1.5 * 10240 on
-  std::ofstream(dir.File("trimmed.mp4"), std::ios::binary) << file;
-  auto source = FrameSource::Open(dir.File("trimmed.mp4"));
-  ASSERT_THAT(source, IsOk());
-  absl::Status end;
-  EXPECT_EQ(ReadAll(**source, &end), 25);
-  EXPECT_THAT(end, IsOk());
-  EXPECT_EQ((*source)->frames(), 40);
 }
 
 TEST(FrameSourceTest, InputsThatAreNoVideoAreNamed) {
