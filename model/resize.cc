@@ -93,13 +93,9 @@ torch::Tensor ResizeBilinear(const torch::Tensor& map, int64_t height, int64_t w
   TORCH_CHECK(map.size(2) > 0 && map.size(3) > 0 && height > 0 && width > 0, "map: cannot be resized from ",
               map.sizes(), " to ", height, " x ", width);
   if (map.size(2) == height && map.size(3) == width) return map;
-  if (!HasKernel(map)) return ResizeBilinearPlain(map, height, width);
+  if (!HasKernel(map)) return at::upsample_bilinear2d(map, {height, width}, /*align_corners=*/true);
   if (!map.requires_grad() || !torch::GradMode::is_enabled()) return RunForward(map, height, width);
   return ResizeFunction::apply(map, height, width);
-}
-
-torch::Tensor ResizeBilinearPlain(const torch::Tensor& map, int64_t height, int64_t width) {
-  return at::upsample_bilinear2d(map, {height, width}, /*align_corners=*/true);
 }
 
 }  // namespace holdfast

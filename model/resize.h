@@ -12,7 +12,4 @@ namespace holdfast {
 // Throws c10::Error unless the map has four dimensions and all sides are positive.
 torch::Tensor ResizeBilinear(const torch::Tensor& map, int64_t height, int64_t width);
 
-// ATen's operator, for what has no kernel.
-torch::Tensor ResizeBilinearPlain(const torch::Tensor& map, int64_t height, int64_t width);
-
 }  // namespace holdfast

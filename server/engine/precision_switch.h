@@ -32,8 +32,6 @@ class PrecisionSwitch {
   // that what is admitted by it suffices either way.
   torch::ScalarType FeatureType(ImageSize size) const ABSL_LOCKS_EXCLUDED(mutex_);
 
-  const PointModel& exact() const { return exact_; }
-
  private:
   bool has_choice() const { return !fast_.is_empty(); }
   PointModel& SourceOf(const WindowRows& rows);

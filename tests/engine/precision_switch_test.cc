@@ -6,8 +6,8 @@
 #include <torch/torch.h>
 
 #include "model/precision_check.h"
-#include "model/presets.h"
 #include "model/sampling.h"
+#include "tests/support/networks.h"
 #include "tests/support/recorders.h"
 
 namespace holdfast {
@@ -16,22 +16,7 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
-PointModel RandomModel() {
-  torch::manual_seed(7);
-  PointModel model(*PresetByName("test"));
-  model->eval();
-  return model;
-}
-
 PointModel Rounded(const PointModel& exact) { return CopyInPrecision(exact, torch::kBFloat16); }
-
-// What a faulty library looks like: features of another network.
-PointModel Broken(const PointModel& exact) {
-  PointModel model = Rounded(exact);
-  const torch::NoGradGuard no_grad;
-  for (auto& parameter : model->parameters()) parameter.copy_(torch::randn(parameter.sizes()));
-  return model;
-}
 
 TEST(PrecisionSwitchTest, WithoutAChoiceEverySizeHasTheOnlyNetwork) {
   RecordingMetrics metrics;
@@ -56,7 +41,7 @@ TEST(PrecisionSwitchTest, ANetworkThatAgreesIsTaken) {
 TEST(PrecisionSwitchTest, WhereTheyDisagreeTheExactOneIsTakenAndToldOfOnce) {
   RecordingMetrics metrics;
   const PointModel exact = RandomModel();
-  PrecisionSwitch networks(exact, Broken(exact), metrics);
+  PrecisionSwitch networks(exact, BrokenCopy(exact), metrics);
   for (int i = 0; i < 3; ++i) EXPECT_EQ(networks.ForSize({64, 32}).get(), exact.get());
   EXPECT_EQ(networks.FeatureType({64, 32}), torch::kFloat32);
   EXPECT_THAT(metrics.totals().fell_back, ElementsAre(ImageSize{64, 32}));

@@ -10,11 +10,11 @@
 #include <utility>
 #include <vector>
 
-#include "model/presets.h"
 #include "server/engine/engine_with_model.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/torch_tracker_model.h"
 #include "tests/support/golden.h"
+#include "tests/support/networks.h"
 #include "tests/support/recorders.h"
 #include "tests/support/simulated_clock.h"
 #include "tests/support/status_matchers.h"
@@ -40,13 +40,6 @@ EngineOptions Exact(ImageSize processing) {
   options.compute_threads = 1;
   options.processing_size = processing;
   return options;
-}
-
-PointModel RandomModel() {
-  torch::manual_seed(7);
-  PointModel model(*PresetByName("test"));
-  model->eval();
-  return model;
 }
 
 // frames [T, H, W, 3] uint8.

@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <mutex>
 #include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,7 @@
 #include "model/sampling.h"
 #include "tests/support/golden.h"
 #include "tests/support/gradient_check.h"
+#include "tests/support/networks.h"
 
 namespace holdfast {
 namespace {
@@ -232,74 +234,16 @@ std::set<std::string> OperatorsIn(const Work& work) {
 }
 
 // Views, copies and conversions: no arithmetic.
-const std::set<std::string>& Movements() {
-  static const auto* names = new std::set<std::string>{"aten::_reshape_alias",
-                                                       "aten::_reshape_copy",
-                                                       "aten::_to_copy",
-                                                       "aten::alias",
-                                                       "aten::as_strided",
-                                                       "aten::as_strided_",
-                                                       "aten::clone",
-                                                       "aten::contiguous",
-                                                       "aten::copy_",
-                                                       "aten::detach",
-                                                       "aten::detach_",
-                                                       "aten::empty_like",
-                                                       "aten::expand",
-                                                       "aten::expand_as",
-                                                       "aten::fill_",
-                                                       "aten::flatten",
-                                                       "aten::index_select",
-                                                       "aten::narrow",
-                                                       "aten::new_empty",
-                                                       "aten::new_empty_strided",
-                                                       "aten::new_zeros",
-                                                       "aten::numel",
-                                                       "aten::ones_like",
-                                                       "aten::permute",
-                                                       "aten::repeat",
-                                                       "aten::reshape",
-                                                       "aten::resize_",
-                                                       "aten::resolve_conj",
-                                                       "aten::resolve_neg",
-                                                       "aten::select",
-                                                       "aten::select_backward",
-                                                       "aten::set_",
-                                                       "aten::slice",
-                                                       "aten::slice_backward",
-                                                       "aten::split_with_sizes",
-                                                       "aten::squeeze",
-                                                       "aten::squeeze_",
-                                                       "aten::stack",
-                                                       "aten::t",
-                                                       "aten::to",
-                                                       "aten::transpose",
-                                                       "aten::unflatten",
-                                                       "aten::unsqueeze",
-                                                       "aten::unsqueeze_",
-                                                       "aten::view",
-                                                       "aten::view_as",
-                                                       "aten::zero_",
-                                                       "aten::zeros_like",
-                                                       "aten::is_same_size",
-                                                       "aten::result_type",
-                                                       "detach",
-                                                       "detach_"};
-  return *names;
-}
-
-ModelOptions TinyOptions() {
-  ModelOptions options;
-  options.encoder_channels = {8, 12, 16, 16};
-  options.encoder_mid = 24;
-  options.feature_channels = 16;
-  options.context_blocks = 1;
-  options.context_heads = 2;
-  options.context_mlp_ratio = 2;
-  options.update_base = 8;
-  options.visibility_head = true;
-  options.window = 8;
-  return options;
+std::set<std::string> Movements() {
+  std::istringstream words(
+      "_reshape_alias _reshape_copy _to_copy alias as_strided as_strided_ clone contiguous copy_ detach "
+      "detach_ empty_like expand expand_as fill_ flatten index_select narrow new_empty new_empty_strided "
+      "new_zeros numel ones_like permute repeat reshape resize_ resolve_conj resolve_neg select "
+      "select_backward set_ slice slice_backward split_with_sizes squeeze squeeze_ stack t to transpose "
+      "unflatten unsqueeze unsqueeze_ view view_as zero_ zeros_like is_same_size result_type");
+  std::set<std::string> names = {"detach", "detach_"};
+  for (std::string word; words >> word;) names.insert("aten::" + word);
+  return names;
 }
 
 torch::Tensor Clip(int64_t frames, int64_t height, int64_t width) {

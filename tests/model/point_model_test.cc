@@ -6,23 +6,10 @@
 
 #include "model/sampling.h"
 #include "tests/support/golden.h"
+#include "tests/support/networks.h"
 
 namespace holdfast {
 namespace {
-
-ModelOptions SmallOptions() {
-  ModelOptions options;
-  options.encoder_channels = {8, 12, 16, 16};
-  options.encoder_mid = 24;
-  options.feature_channels = 16;
-  options.context_blocks = 1;
-  options.context_heads = 2;
-  options.context_mlp_ratio = 2;
-  options.update_base = 8;
-  options.visibility_head = true;
-  options.window = 8;
-  return options;
-}
 
 torch::Tensor Pictures(int64_t frames) {
   torch::manual_seed(23);
@@ -57,7 +44,7 @@ class PointModelTest : public testing::Test {
     return result;
   }
 
-  PointModel model_ = FormulaModel(SmallOptions());
+  PointModel model_ = FormulaModel(TinyOptions());
 };
 
 TEST_F(PointModelTest, FeaturesOfAFrameDoNotDependOnItsBatch) {
@@ -153,7 +140,7 @@ TEST_F(PointModelTest, MalformedInputIsNamed) {
 
 TEST_F(PointModelTest, HalfPrecisionFollowsFullPrecision) {
   const c10::InferenceMode guard;
-  PointModel half = FormulaModel(SmallOptions());
+  PointModel half = FormulaModel(TinyOptions());
   half->to(torch::kBFloat16);
   const torch::Tensor want = model_->Encode(Pictures(8));
   const torch::Tensor got = half->Encode(Pictures(8));
@@ -186,7 +173,7 @@ TEST_F(PointModelTest, HalfPrecisionStepsAreCloseToFullOnes) {
 // The way of devices without kernels, tried in double on the CPU.
 TEST_F(PointModelTest, PlainOperationsGiveTheSameWindows) {
   const torch::NoGradGuard no_grad;
-  PointModel plain = FormulaModel(SmallOptions());
+  PointModel plain = FormulaModel(TinyOptions());
   plain->to(torch::kDouble);
   const WindowRows rows = Rows(5);
   const torch::Tensor want = model_->Refine({rows}, {2, false}).front().positions;

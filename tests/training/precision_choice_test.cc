@@ -7,19 +7,13 @@
 
 #include "model/precision.h"
 #include "model/precision_check.h"
-#include "model/presets.h"
+#include "tests/support/networks.h"
 
 namespace holdfast {
 namespace {
 
 using ::testing::HasSubstr;
 using ::testing::Optional;
-
-PointModel RandomModel() {
-  torch::manual_seed(7);
-  PointModel model(*PresetByName("test"));
-  return model;
-}
 
 const std::vector<Phase> kPhases = {{0.5, 48, 64, 8, 2}, {1.0, 72, 40, 8, 2}};
 
@@ -30,10 +24,7 @@ TEST(PrecisionChoiceTest, ANetworkThatIsOnlyRoundedMayRun) {
 
 TEST(PrecisionChoiceTest, OneThatComputesSomethingElseMayNotAndTheSizeIsNamed) {
   const PointModel model = RandomModel();
-  PointModel wrong = CopyInPrecision(model, torch::kBFloat16);
-  const torch::NoGradGuard no_grad;
-  for (auto& parameter : wrong->parameters()) parameter.copy_(torch::randn(parameter.sizes()));
-  EXPECT_THAT(WhyNotRun(wrong, model, kPhases), Optional(HasSubstr("at 64x48: features differ by")));
+  EXPECT_THAT(WhyNotRun(BrokenCopy(model), model, kPhases), Optional(HasSubstr("at 64x48: features differ by")));
 }
 
 TEST(PrecisionChoiceTest, FollowsTheDevice) {
