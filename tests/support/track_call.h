@@ -111,7 +111,8 @@ class TrackCall {
   v1::SessionAccepted accepted_;
 };
 
-// Reads to the end while time goes by, step by step, because what happened last is not known to the test.
+// Reads to the end while time goes by, step by step, because what happened last is not known to the test. The server
+// asks for the time between two steps, so a write in flight has that long before it counts as unread.
 inline absl::Status ReadWhileTimePasses(TrackCall& call, SimulatedClock& clock, absl::Duration step) {
   absl::Status status;
   std::atomic<bool> ended{false};
@@ -121,7 +122,7 @@ inline absl::Status ReadWhileTimePasses(TrackCall& call, SimulatedClock& clock, 
   });
   while (!ended) {
     clock.Advance(step);
-    std::this_thread::yield();
+    clock.AwaitSteadyReads(1);
   }
   reader.join();
   return status;
