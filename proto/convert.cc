@@ -8,16 +8,20 @@
 
 #include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
+#include "proto/convert_values.h"
 #include "proto/errors.h"
 
 namespace holdfast {
 namespace {
 
+using internal::EmitToProto;
+using internal::SizeFromProto;
+using internal::SizeToProto;
+
 constexpr uint32_t kMaxSide = 1 << 16;  // pixels; keeps width x height x 3 far from overflow
 constexpr uint32_t kMaxCount = 1 << 20;
 constexpr size_t kMaxLabelBytes = 128;
 constexpr int kSizeMultiple = 32;
-constexpr int64_t kMaxSeconds = int64_t{253402300799};  // year 9999, the last of google.protobuf.Timestamp
 
 v1::FrameEncoding EncodingToProto(FrameEncoding encoding) {
   switch (encoding) {
@@ -54,15 +58,6 @@ FrameEncoding EncodingFromProto(v1::FrameEncoding encoding, Violations& violatio
   }
 }
 
-void SizeToProto(const ImageSize& size, v1::ImageSize* out) {
-  out->set_width(size.width);
-  out->set_height(size.height);
-}
-
-ImageSize SizeFromProto(const v1::ImageSize& size) {
-  return {static_cast<int>(size.width()), static_cast<int>(size.height())};
-}
-
 // A size in which both sides are within 1 .. kMaxSide and divisible by 'multiple'; empty when it is not.
 ImageSize CheckedSize(const v1::ImageSize& size, const std::string& field, int multiple, Violations& violations) {
   const auto good = [multiple](uint32_t side) { return side >= 1 && side <= kMaxSide && side % multiple == 0; };
@@ -76,6 +71,16 @@ ImageSize RawSizeFromProto(const v1::SessionConfig& config, FrameEncoding encodi
   if (IsRaw(encoding)) return CheckedSize(config.raw_size(), "config.raw_size", 1, violations);
   if (config.has_raw_size()) violations.Add("config.raw_size", "is set, expected absent: the encoding is not raw");
   return {};
+}
+
+Emit EmitFromProto(const v1::SessionConfig& config, Violations& violations) {
+  if (config.emit() != v1::EMIT_WINDOWS && config.emit() != v1::EMIT_EVERY_FRAME) {
+    violations.Add("config.emit",
+                   absl::StrCat("is ", static_cast<int>(config.emit()), ", expected WINDOWS or EVERY_FRAME"));
+  } else if (config.emit() == v1::EMIT_EVERY_FRAME && config.final_only()) {
+    violations.Add("config.emit", "is EVERY_FRAME, whose estimates are provisional; expected final_only to be false");
+  }
+  return config.emit() == v1::EMIT_EVERY_FRAME ? Emit::kEveryFrame : Emit::kWindows;
 }
 
 int CountFromProto(uint32_t count, const std::string& field, Violations& violations) {
@@ -135,19 +140,9 @@ std::vector<PointQuery> PointsFromProto(const Points& points, const std::string&
 
 std::optional<absl::Time> TimeFromProto(const v1::Frame& frame, Violations& violations) {
   if (!frame.has_capture_time()) return std::nullopt;
-  const int64_t seconds = frame.capture_time().seconds();
-  const int32_t nanos = frame.capture_time().nanos();
-  if (seconds < -kMaxSeconds || seconds > kMaxSeconds || nanos < 0 || nanos > 999'999'999) {
-    violations.Add("frame.capture_time", "is out of range");
-    return std::nullopt;
-  }
-  return absl::FromUnixSeconds(seconds) + absl::Nanoseconds(nanos);
-}
-
-void TimeToProto(absl::Time time, google::protobuf::Timestamp* out) {
-  const int64_t seconds = absl::ToUnixSeconds(time);  // rounds down, so that the rest is never negative
-  out->set_seconds(seconds);
-  out->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(time - absl::FromUnixSeconds(seconds))));
+  std::optional<absl::Time> time = internal::TimeFromProto(frame.capture_time());
+  if (!time) violations.Add("frame.capture_time", "is out of range");
+  return time;
 }
 
 }  // namespace
@@ -162,6 +157,9 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   out.set_final_only(!config.send_provisional);
   PointsToProto(config.points, out.mutable_points());
   out.set_label(config.label);
+  out.set_emit(EmitToProto(config.emit));
+  if (config.motion_prior) out.set_motion_prior(*config.motion_prior);
+  if (config.polish) out.set_polish(*config.polish);
   return out;
 }
 
@@ -177,6 +175,9 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   out.iterations = CountFromProto(config.iterations(), "config.iterations", violations);
   out.send_provisional = !config.final_only();
   out.points = PointsFromProto(config.points(), "config.points", violations);
+  out.emit = EmitFromProto(config, violations);
+  if (config.has_motion_prior()) out.motion_prior = config.motion_prior();
+  if (config.has_polish()) out.polish = config.polish();
   if (config.label().size() <= kMaxLabelBytes) {
     out.label = config.label();
   } else {
@@ -191,7 +192,7 @@ v1::Frame ToProto(Frame frame) {
   v1::Frame out;
   out.set_index(frame.index);
   *out.mutable_data() = std::move(frame.bytes);
-  if (frame.capture_time) TimeToProto(*frame.capture_time, out.mutable_capture_time());
+  if (frame.capture_time) internal::TimeToProto(*frame.capture_time, out.mutable_capture_time());
   PointsToProto(frame.points, out.mutable_points());
   return out;
 }

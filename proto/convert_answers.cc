@@ -5,20 +5,15 @@
 
 #include "absl/strings/str_cat.h"
 #include "proto/convert.h"
+#include "proto/convert_values.h"
 
 namespace holdfast {
 namespace {
 
+using internal::SizeFromProto;
+using internal::SizeToProto;
+
 constexpr uint32_t kMaxWindowFrames = 1 << 20;
-
-void SizeToProto(const ImageSize& size, v1::ImageSize* out) {
-  out->set_width(size.width);
-  out->set_height(size.height);
-}
-
-ImageSize SizeFromProto(const v1::ImageSize& size) {
-  return {static_cast<int>(size.width()), static_cast<int>(size.height())};
-}
 
 void LimitsToProto(const SessionLimits& limits, v1::SessionLimits* out) {
   out->set_max_points(limits.max_points);
@@ -67,6 +62,9 @@ v1::SessionAccepted ToProto(const SessionAccepted& accepted) {
   out.set_iterations(accepted.iterations);
   out.set_window_frames(accepted.window_frames);
   LimitsToProto(accepted.limits, out.mutable_limits());
+  out.set_emit(internal::EmitToProto(accepted.emit));
+  out.set_motion_prior(accepted.motion_prior);
+  out.set_polish(accepted.polish);
   return out;
 }
 
@@ -82,6 +80,9 @@ absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted) {
   out.iterations = static_cast<int>(accepted.iterations());
   out.window_frames = static_cast<int>(accepted.window_frames());
   out.limits = LimitsFromProto(accepted.limits());
+  out.emit = accepted.emit() == v1::EMIT_EVERY_FRAME ? Emit::kEveryFrame : Emit::kWindows;
+  out.motion_prior = accepted.motion_prior();
+  out.polish = accepted.polish();
   return out;
 }
 
@@ -91,6 +92,11 @@ v1::Tracks ToProto(const TrackUpdate& update) {
   for (const PointRun& run : update.runs) RunToProto(run, out.add_runs());
   out.set_frames_received(update.frames_received);
   out.set_frames_processed(update.frames_processed);
+  for (const FrameTime& time : update.capture_times) {
+    v1::FrameTime* added = out.add_capture_times();
+    added->set_frame(time.frame);
+    internal::TimeToProto(time.capture_time, added->mutable_capture_time());
+  }
   return out;
 }
 
@@ -104,6 +110,12 @@ absl::StatusOr<TrackUpdate> FromProto(const v1::Tracks& tracks) {
   }
   out.frames_received = tracks.frames_received();
   out.frames_processed = tracks.frames_processed();
+  for (const v1::FrameTime& time : tracks.capture_times()) {
+    const std::optional<absl::Time> captured = internal::TimeFromProto(time.capture_time());
+    if (!captured)
+      return absl::InternalError(absl::StrCat("the server sent a wrong capture time of frame ", time.frame()));
+    out.capture_times.push_back({time.frame(), *captured});
+  }
   return out;
 }
 
@@ -133,6 +145,8 @@ v1::GetServerInfoResponse ToProto(const TrackerInfo& info) {
   out.set_default_iterations(info.default_iterations);
   out.set_max_sessions(info.max_sessions);
   LimitsToProto(info.limits, out.mutable_limits());
+  out.set_default_motion_prior(info.default_motion_prior);
+  out.set_default_polish(info.default_polish);
   return out;
 }
 
@@ -150,6 +164,8 @@ absl::StatusOr<TrackerInfo> FromProto(const v1::GetServerInfoResponse& info) {
   out.default_iterations = static_cast<int>(info.default_iterations());
   out.max_sessions = static_cast<int>(info.max_sessions());
   out.limits = LimitsFromProto(info.limits());
+  out.default_motion_prior = info.default_motion_prior();
+  out.default_polish = info.default_polish();
   if (out.window_frames < 2) return absl::InternalError("the server sent a malformed GetServerInfoResponse");
   return out;
 }

@@ -45,15 +45,23 @@ struct PointQuery {
   float y = 0;  // in [0, height - 1]
 };
 
+enum class Emit {
+  kWindows,     // estimates come when a window has run
+  kEveryFrame,  // and besides, each frame is answered at once with what optical flow says, which windows revise
+};
+
 struct SessionConfig {
   FrameEncoding encoding = FrameEncoding::kJpeg;
-  ImageSize raw_size;         // of every frame; required for raw encodings, empty otherwise
-  ImageSize processing_size;  // multiples of 32; empty: the engine's default
-  int hop_frames = 0;         // 1..window-1 new frames between windows; 0: the engine's default
-  int iterations = 0;         // refinement iterations of a window; 0: the engine's default
-  bool send_provisional = true;
-  std::vector<PointQuery> points;  // queried at the first frame
-  std::string label;               // for logs only; at most 128 bytes
+  ImageSize raw_size;            // of every frame; required for raw encodings, empty otherwise
+  ImageSize processing_size;     // multiples of 32; empty: the engine's default
+  int hop_frames = 0;            // 1..window-1 new frames between windows; 0: the engine's default
+  int iterations = 0;            // refinement iterations of a window; 0: the engine's default
+  bool send_provisional = true;  // kEveryFrame needs it
+  Emit emit = Emit::kWindows;
+  std::optional<bool> motion_prior;  // windows start from where optical flow leads; empty: the engine's default
+  std::optional<bool> polish;        // final positions are moved to where the picture says; empty: the engine's default
+  std::vector<PointQuery> points;    // queried at the first frame
+  std::string label;                 // for logs only; at most 128 bytes
 };
 
 struct Frame {
@@ -74,10 +82,16 @@ struct PointRun {
   int64_t final_count = 0;        // the first final_count frames of the run will never be revised
 };
 
+struct FrameTime {
+  int64_t frame = 0;
+  absl::Time capture_time;
+};
+
 struct TrackUpdate {
   std::vector<PointRun> runs;
-  int64_t frames_received = 0;   // watermark: frames accepted so far
-  int64_t frames_processed = 0;  // watermark: frames whose features are computed
+  int64_t frames_received = 0;           // watermark: frames accepted so far
+  int64_t frames_processed = 0;          // watermark: frames whose features are computed
+  std::vector<FrameTime> capture_times;  // of the frames of 'runs' that came with one, ascending
 };
 
 struct SessionLimits {
@@ -94,6 +108,9 @@ struct SessionAccepted {
   int hop_frames = 0;
   int iterations = 0;
   int window_frames = 0;
+  Emit emit = Emit::kWindows;
+  bool motion_prior = false;
+  bool polish = false;
   SessionLimits limits;
 };
 
@@ -114,6 +131,8 @@ struct TrackerInfo {
   int window_frames = 0;
   int default_hop_frames = 0;
   int default_iterations = 0;
+  bool default_motion_prior = false;
+  bool default_polish = false;
   int max_sessions = 0;
   SessionLimits limits;
 };

@@ -42,6 +42,8 @@ TEST(ConvertTest, ConfigSurvivesTheRoundTrip) {
   config.send_provisional = false;
   config.points = {{~PointId{0}, 1.5F, 2.25F}, {0, 0, 0}};
   config.label = "camera 3";
+  config.motion_prior = false;
+  config.polish = true;
   const absl::StatusOr<SessionConfig> back = FromProto(ToProto(config));
   ASSERT_THAT(back, IsOk());
   EXPECT_EQ(back->encoding, config.encoding);
@@ -55,6 +57,19 @@ TEST(ConvertTest, ConfigSurvivesTheRoundTrip) {
   EXPECT_EQ(back->points[0].x, 1.5F);
   EXPECT_EQ(back->points[0].y, 2.25F);
   EXPECT_EQ(back->label, "camera 3");
+  EXPECT_EQ(back->emit, Emit::kWindows);
+  EXPECT_EQ(back->motion_prior, false);
+  EXPECT_EQ(back->polish, true);
+}
+
+TEST(ConvertTest, AnEstimateOnEveryFrameIsAskedForAndSwitchesMayBeLeftToTheServer) {
+  SessionConfig config;
+  config.emit = Emit::kEveryFrame;
+  const absl::StatusOr<SessionConfig> back = FromProto(ToProto(config));
+  ASSERT_THAT(back, IsOk());
+  EXPECT_EQ(back->emit, Emit::kEveryFrame);
+  EXPECT_FALSE(back->motion_prior.has_value());
+  EXPECT_FALSE(back->polish.has_value());
 }
 
 TEST(ConvertTest, EveryEncodingSurvivesTheRoundTrip) {
@@ -79,6 +94,12 @@ TEST(ConvertTest, EveryWrongFieldOfAConfigIsNamed) {
   EXPECT_THAT(fields_of([](auto& c) { c.set_encoding(static_cast<v1::FrameEncoding>(99)); }),
               ElementsAre("config.encoding"));
   EXPECT_THAT(fields_of([](auto& c) { c.set_encoding(v1::FRAME_ENCODING_RGB24); }), ElementsAre("config.raw_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.set_emit(static_cast<v1::Emit>(2)); }), ElementsAre("config.emit"));
+  EXPECT_THAT(fields_of([](auto& c) {
+                c.set_emit(v1::EMIT_EVERY_FRAME);
+                c.set_final_only(true);
+              }),
+              ElementsAre("config.emit"));
   EXPECT_THAT(fields_of([](auto& c) { c.mutable_raw_size()->set_width(8); }), ElementsAre("config.raw_size"));
   EXPECT_THAT(fields_of([](auto& c) { c.mutable_processing_size()->set_width(512); }),
               ElementsAre("config.processing_size"));
@@ -160,6 +181,7 @@ TEST(ConvertTest, ResultsSurviveTheRoundTrip) {
   update.runs = {{3, 100, {1, 2}, {3, 4}, {1, 0}, {0.5F, 0.25F}, 1}};
   update.frames_received = 110;
   update.frames_processed = 102;
+  update.capture_times = {{100, absl::FromUnixNanos(-1'500'000'001)}, {101, absl::FromUnixMillis(5)}};
   const auto back = FromProto(ToProto(update));
   ASSERT_THAT(back, IsOk());
   ASSERT_THAT(back->runs, SizeIs(1));
@@ -173,6 +195,16 @@ TEST(ConvertTest, ResultsSurviveTheRoundTrip) {
   EXPECT_EQ(run.final_count, 1);
   EXPECT_EQ(back->frames_received, 110);
   EXPECT_EQ(back->frames_processed, 102);
+  ASSERT_THAT(back->capture_times, SizeIs(2));
+  EXPECT_EQ(back->capture_times[0].frame, 100);
+  EXPECT_EQ(back->capture_times[0].capture_time, absl::FromUnixNanos(-1'500'000'001));
+  EXPECT_EQ(back->capture_times[1].frame, 101);
+}
+
+TEST(ConvertTest, ACaptureTimeOutOfRangeIsTheServersFault) {
+  v1::Tracks tracks;
+  tracks.add_capture_times()->mutable_capture_time()->set_nanos(-1);
+  EXPECT_THAT(FromProto(tracks), StatusIs(absl::StatusCode::kInternal));
 }
 
 TEST(ConvertTest, RunsOfUnequalLengthsAreRefused) {
@@ -187,12 +219,16 @@ TEST(ConvertTest, RunsOfUnequalLengthsAreRefused) {
 
 TEST(ConvertTest, AcceptedSummaryAndInfoSurviveTheRoundTrip) {
   const SessionLimits limits{10, int64_t{5} << 32, 1000, 77};
-  const auto accepted = FromProto(ToProto(SessionAccepted{"id", {512, 384}, 8, 4, 24, limits}));
+  const auto accepted =
+      FromProto(ToProto(SessionAccepted{"id", {512, 384}, 8, 4, 24, Emit::kEveryFrame, true, true, limits}));
   ASSERT_THAT(accepted, IsOk());
   EXPECT_EQ(accepted->session_id, "id");
   EXPECT_EQ(accepted->processing_size, (ImageSize{512, 384}));
   EXPECT_EQ(accepted->hop_frames, 8);
   EXPECT_EQ(accepted->window_frames, 24);
+  EXPECT_EQ(accepted->emit, Emit::kEveryFrame);
+  EXPECT_TRUE(accepted->motion_prior);
+  EXPECT_TRUE(accepted->polish);
   EXPECT_EQ(accepted->limits.max_frame_bytes, int64_t{5} << 32);
   EXPECT_EQ(accepted->limits.max_frames, 77);
 
@@ -201,12 +237,14 @@ TEST(ConvertTest, AcceptedSummaryAndInfoSurviveTheRoundTrip) {
   EXPECT_EQ(summary.points, 2);
   EXPECT_EQ(summary.final_samples, 3);
 
-  TrackerInfo info{"m", "p", "sha", "float32", "cpu", "0.1", {64, 32}, 24, 8, 4, 16, limits};
+  TrackerInfo info{"m", "p", "sha", "float32", "cpu", "0.1", {64, 32}, 24, 8, 4, true, false, 16, limits};
   const auto back = FromProto(ToProto(info));
   ASSERT_THAT(back, IsOk());
   EXPECT_EQ(back->model_name, "m");
   EXPECT_EQ(back->weights_sha256, "sha");
   EXPECT_EQ(back->default_processing_size, (ImageSize{64, 32}));
+  EXPECT_TRUE(back->default_motion_prior);
+  EXPECT_FALSE(back->default_polish);
   EXPECT_EQ(back->max_sessions, 16);
   EXPECT_EQ(back->limits.max_points, 10);
 }

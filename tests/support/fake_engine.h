@@ -90,7 +90,12 @@ class FakeEngine final : public Engine {
    public:
     Session(FakeEngine& engine, SessionListener& listener, int number, const SessionConfig& config)
         : engine_(engine), listener_(listener), provisional_(config.send_provisional), added_(config.points) {
-      accepted_ = {absl::StrCat("session-", number), {512, 384}, 8, 4, 24, engine.info_.limits};
+      accepted_.session_id = absl::StrCat("session-", number);
+      accepted_.processing_size = {512, 384};
+      accepted_.hop_frames = 8;
+      accepted_.iterations = 4;
+      accepted_.window_frames = 24;
+      accepted_.limits = engine.info_.limits;
     }
     ~Session() override {
       engine_.Forget(this);

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Values that stand in requests and answers alike; for convert.cc and convert_answers.cc alone.
+#pragma once
+
+#include <optional>
+
+#include "absl/time/time.h"
+#include "holdfast/v1/point_tracking.pb.h"
+#include "proto/types.h"
+
+namespace holdfast::internal {
+
+inline void SizeToProto(const ImageSize& size, v1::ImageSize* out) {
+  out->set_width(size.width);
+  out->set_height(size.height);
+}
+
+inline ImageSize SizeFromProto(const v1::ImageSize& size) {
+  return {static_cast<int>(size.width()), static_cast<int>(size.height())};
+}
+
+inline v1::Emit EmitToProto(Emit emit) { return emit == Emit::kEveryFrame ? v1::EMIT_EVERY_FRAME : v1::EMIT_WINDOWS; }
+
+// Empty: out of the range that google.protobuf.Timestamp has.
+inline std::optional<absl::Time> TimeFromProto(const google::protobuf::Timestamp& time) {
+  constexpr int64_t kMaxSeconds = int64_t{253402300799};  // year 9999
+  const int64_t seconds = time.seconds();
+  const int32_t nanos = time.nanos();
+  if (seconds < -kMaxSeconds || seconds > kMaxSeconds || nanos < 0 || nanos > 999'999'999) return std::nullopt;
+  return absl::FromUnixSeconds(seconds) + absl::Nanoseconds(nanos);
+}
+
+inline void TimeToProto(absl::Time time, google::protobuf::Timestamp* out) {
+  const int64_t seconds = absl::ToUnixSeconds(time);  // rounds down, so that the rest is never negative
+  out->set_seconds(seconds);
+  out->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(time - absl::FromUnixSeconds(seconds))));
+}
+
+}  // namespace holdfast::internal
