@@ -35,6 +35,8 @@ const char* Name(Stage stage) {
   switch (stage) {
     case Stage::kDecode:
       return "decode";
+    case Stage::kFlow:
+      return "flow";
     case Stage::kQueue:
       return "queue";
     case Stage::kEncode:
@@ -161,7 +163,8 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
   Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory});
   Impl::Prepare(impl_->rejected, "reason",
                 {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams});
-  for (const Stage stage : {Stage::kDecode, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {
+  for (const Stage stage :
+       {Stage::kDecode, Stage::kFlow, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {
     impl_->stages.Add({{"stage", Name(stage)}}, StageBuckets());
   }
   prometheus::BuildGauge()

@@ -76,6 +76,7 @@ RowBatch MakeRowBatch(const std::vector<Session*>& in_turn, int64_t max_rows) {
   for (size_t i = 0; i < shares.size(); ++i) {
     batch.parts[i].rows.resize(shares[i]);
     batch.rows += shares[i];
+    batch.parts[i].session->AddStarts(batch.parts[i].rows);
     AppendGroups(batch.parts[i], batch.groups);
   }
   return batch;

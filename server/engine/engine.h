@@ -32,6 +32,8 @@ struct EngineOptions {
   int hop_frames = 8;                      // default of sessions
   int iterations = 4;                      // default of sessions
   Chaining chaining = Chaining::kStandard;
+  bool motion_prior = true;  // default of sessions; off under kPublished
+  bool polish = true;        // default of sessions; off under kPublished
   int max_sessions = 16;
   int max_batch_rows = 256;    // rows of one refinement batch, over all sessions
   int max_batch_frames = 4;    // frames of one encoder batch, over all sessions

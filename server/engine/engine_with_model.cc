@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/engine_with_model.h"
 
+#include <functional>
+#include <opencv2/core/utility.hpp>
 #include <random>
 #include <utility>
 
@@ -20,39 +22,50 @@ std::string NewSessionId() {
   return absl::StrCat(absl::Hex(high << 32 | low, absl::kZeroPad16));
 }
 
+// The way of a session's jobs to the decode pool, until the session's owner closes it: jobs that are still running then
+// may ask for more. Thread-safe.
+class JobDoor {
+ public:
+  explicit JobDoor(std::unique_ptr<DecodePool::Queue> queue) : queue_(std::move(queue)) {}
+  void Submit(std::function<void()> job) {
+    absl::MutexLock lock(&mutex_);
+    if (queue_ != nullptr) queue_->Submit(std::move(job));
+  }
+  void Close() {
+    std::unique_ptr<DecodePool::Queue> queue;
+    absl::MutexLock lock(&mutex_);
+    queue.swap(queue_);
+  }
+
+ private:
+  absl::Mutex mutex_;
+  std::unique_ptr<DecodePool::Queue> queue_ ABSL_GUARDED_BY(mutex_);
+};
+
 // The caller's end of a session.
 class SessionHandle final : public EngineSession {
  public:
-  SessionHandle(std::shared_ptr<Session> session, std::unique_ptr<DecodePool::Queue> decoding, Scheduler& scheduler)
-      : session_(std::move(session)), decoding_(std::move(decoding)), scheduler_(scheduler) {}
+  SessionHandle(std::shared_ptr<Session> session, std::shared_ptr<JobDoor> jobs, Scheduler& scheduler)
+      : session_(std::move(session)), jobs_(std::move(jobs)), scheduler_(scheduler) {}
 
   ~SessionHandle() override {
     Cancel();
     session_->AwaitDone();
+    jobs_->Close();
   }
 
   const SessionAccepted& accepted() const override { return session_->accepted(); }
 
-  absl::StatusOr<Room> PushFrame(Frame frame) override {
-    const int64_t index = frame.index;
-    absl::StatusOr<Room> room = session_->PushFrame(std::move(frame));
-    if (room.ok()) {
-      decoding_->Submit([session = session_, index, &scheduler = scheduler_] {
-        session->Decode(index);
-        scheduler.Notify();
-      });
-    }
-    return room;
-  }
+  absl::StatusOr<Room> PushFrame(Frame frame) override { return session_->PushFrame(std::move(frame)); }
 
   absl::Status AddPoints(const std::vector<PointQuery>& points) override {
-    absl::Status status = session_->inbox().AddPoints("add_points.points", points);
+    absl::Status status = session_->AddPoints(points);
     scheduler_.Notify();
     return status;
   }
 
   absl::Status RemovePoints(const std::vector<PointId>& ids) override {
-    absl::Status status = session_->inbox().RemovePoints(ids);
+    absl::Status status = session_->RemovePoints(ids);
     scheduler_.Notify();
     return status;
   }
@@ -71,7 +84,7 @@ class SessionHandle final : public EngineSession {
 
  private:
   const std::shared_ptr<Session> session_;
-  const std::unique_ptr<DecodePool::Queue> decoding_;
+  const std::shared_ptr<JobDoor> jobs_;
   Scheduler& scheduler_;
 };
 
@@ -85,7 +98,9 @@ class EngineImpl final : public Engine {
         info_(MakeInfo(options, model_->info())),
         admission_({options.max_sessions, options.cache_budget_bytes}, metrics),
         scheduler_({options.max_batch_frames, options.max_batch_rows}, *model_, clock, metrics),
-        pool_(options.decode_threads, clock) {}
+        pool_(options.decode_threads, clock) {
+    cv::setNumThreads(1);  // each call runs on its thread of the pool; OpenCV's own would take the network's cores
+  }
 
   const TrackerInfo& info() const override { return info_; }
 
@@ -96,13 +111,16 @@ class EngineImpl final : public Engine {
     accepted->session_id = NewSessionId();
     const Session::Options options = MakeOptions(config, *accepted);
     const int64_t frame_bytes = model_->FrameBytes(accepted->processing_size);
-    auto ticket = admission_.Admit(frame_bytes * options.max_cached_frames);
+    auto ticket = admission_.Admit(frame_bytes * options.max_cached_frames + Session::FlowBytes(options));
     if (!ticket.ok()) return ticket.status();
-    auto session = std::make_shared<Session>(options, listener, clock_, metrics_, *std::move(ticket));
+    const auto jobs = std::make_shared<JobDoor>(pool_.NewQueue());
+    const Session::Threads threads{[jobs](std::function<void()> job) { jobs->Submit(std::move(job)); },
+                                   [this] { scheduler_.Notify(); }};
+    auto session = std::make_shared<Session>(options, listener, clock_, metrics_, threads, *std::move(ticket));
     if (absl::Status status = session->inbox().AddPoints("config.points", config.points); !status.ok()) return status;
     metrics_.SessionOpened();
     scheduler_.Add(session);
-    return std::make_unique<SessionHandle>(std::move(session), pool_.NewQueue(), scheduler_);
+    return std::make_unique<SessionHandle>(std::move(session), jobs, scheduler_);
   }
 
  private:
@@ -117,6 +135,8 @@ class EngineImpl final : public Engine {
     info.window_frames = model.window_frames;
     info.default_hop_frames = options.chaining == Chaining::kPublished ? model.window_frames - 1 : options.hop_frames;
     info.default_iterations = options.iterations;
+    info.default_motion_prior = options.motion_prior && options.chaining != Chaining::kPublished;
+    info.default_polish = options.polish && options.chaining != Chaining::kPublished;
     info.max_sessions = options.max_sessions;
     info.limits = options.limits;
     return info;
@@ -131,6 +151,7 @@ class EngineImpl final : public Engine {
     options.windows.frames = accepted.window_frames;
     options.windows.hop = accepted.hop_frames;
     options.windows.early = config.send_provisional;
+    options.windows.polish = accepted.polish;
     options.windows.revise_last = options_.chaining == Chaining::kPublished;
     options.provisional = config.send_provisional;
     options.carry_templates = options_.chaining == Chaining::kPublished;

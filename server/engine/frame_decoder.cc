@@ -62,9 +62,26 @@ void ToRgb(const cv::Mat& image, FrameEncoding encoding, cv::Mat& rgb) {
   }
 }
 
-absl::StatusOr<RgbImage> Decode(absl::string_view bytes, const FrameFormat& format, ImageSize size, ImageSize target) {
+void ToGray(const cv::Mat& image, FrameEncoding encoding, GrayImage& gray) {
+  cv::Mat full = image;
+  if (image.channels() == 3) {
+    cv::cvtColor(image, full, encoding == FrameEncoding::kRgb24 ? cv::COLOR_RGB2GRAY : cv::COLOR_BGR2GRAY);
+  }
+  gray.pixels.resize(Pixels(gray.size));
+  cv::Mat out(gray.size.height, gray.size.width, CV_8UC1, gray.pixels.data());
+  if (full.size() == out.size()) {
+    full.copyTo(out);
+  } else {
+    const bool smaller = full.cols >= out.cols && full.rows >= out.rows;
+    cv::resize(full, out, out.size(), 0, 0, smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+  }
+}
+
+absl::StatusOr<RgbImage> Decode(absl::string_view bytes, const FrameFormat& format, ImageSize size, ImageSize target,
+                                GrayImage* gray) {
   absl::StatusOr<cv::Mat> image = Open(bytes, format, size);
   if (!image.ok()) return image.status();
+  if (gray != nullptr) ToGray(*image, format.encoding, *gray);
   cv::Mat small = *image;
   if (size != target) cv::resize(*image, small, {target.width, target.height}, 0, 0, cv::INTER_LINEAR);
   RgbImage result{target, std::vector<uint8_t>(Pixels(target) * 3)};
@@ -90,11 +107,12 @@ absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& 
   return size;
 }
 
-absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size) {
+absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size,
+                                     GrayImage* gray) {
   const absl::StatusOr<ImageSize> size = FrameSize(bytes, format);
   if (!size.ok()) return size.status();
   try {
-    return Decode(bytes, format, *size, processing_size);
+    return Decode(bytes, format, *size, processing_size, gray);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("no memory to decode the frame");
   } catch (const cv::Exception& e) {

@@ -5,6 +5,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "proto/types.h"
+#include "server/engine/flow.h"
 #include "server/engine/tracker_model.h"
 
 namespace holdfast {
@@ -23,6 +24,9 @@ absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& 
 
 // Decodes to RGB, 8 bits a channel, in the orientation it is stored in, and resizes bilinearly to 'processing_size'.
 // Checks FrameSize first. INVALID_ARGUMENT: broken or truncated bytes. Safe to call from several threads.
-absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size);
+// 'gray' may be null; otherwise it gets the same picture in grey at the size it has, each pixel the mean of those it
+// covers.
+absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size,
+                                     GrayImage* gray = nullptr);
 
 }  // namespace holdfast

@@ -5,7 +5,13 @@
 
 namespace holdfast {
 
+void LatencyLog::Arrived(SteadyTime when) {
+  absl::MutexLock lock(&mutex_);
+  arrivals_.push_back(when);
+}
+
 void LatencyLog::Estimated(int64_t first, int64_t before, SteadyTime now) {
+  absl::MutexLock lock(&mutex_);
   for (int64_t frame = std::max({first, estimated_before_, final_before_}); frame < before; ++frame) {
     metrics_.FirstEstimate(Between(arrivals_[frame - final_before_], now));
   }
@@ -13,6 +19,7 @@ void LatencyLog::Estimated(int64_t first, int64_t before, SteadyTime now) {
 }
 
 void LatencyLog::Final(int64_t before, SteadyTime now) {
+  absl::MutexLock lock(&mutex_);
   for (; final_before_ < before; ++final_before_) {
     if (final_before_ < estimated_before_) metrics_.FinalEstimate(Between(arrivals_.front(), now));
     arrivals_.pop_front();

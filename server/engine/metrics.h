@@ -10,7 +10,7 @@
 
 namespace holdfast {
 
-enum class Stage { kDecode, kQueue, kEncode, kRefine, kEmit };
+enum class Stage { kDecode, kFlow, kQueue, kEncode, kRefine, kEmit };
 enum class SessionOutcome { kCompleted, kFailed, kCancelled };
 enum class FrameResult { kTracked, kRejected, kDropped };
 enum class RejectReason { kSessions, kMemory };

@@ -51,7 +51,7 @@ void PointQueue::Seed(absl::string_view list, const std::vector<PointQuery>& poi
     const PointId id = points[i].id;
     const int64_t replaced = ForgetReplaced(id);
     ids_.insert(id);
-    waiting_.push_back({{PointOp::Kind::kSeed, frame_, points[i], replaced + 1}, list, i});
+    waiting_.push_back({{PointOp::Kind::kSeed, frame_, points[i], serial_++, replaced + 1}, list, i});
     ++at_frame_;
     newest_[id] = {std::prev(waiting_.end()), waiting_.end()};
   }

@@ -19,9 +19,10 @@ namespace holdfast {
 struct PointOp {
   enum class Kind { kSeed, kRemove };
   Kind kind = Kind::kSeed;
-  int64_t frame = 0;  // takes effect when this frame is there
-  PointQuery query;   // kRemove: only its id
-  int64_t seeds = 0;  // how many seeds of the stream it stands for: those it replaced and itself
+  int64_t frame = 0;    // takes effect when this frame is there
+  PointQuery query;     // kRemove: only its id
+  uint64_t serial = 0;  // of a seed, unique within the session
+  int64_t seeds = 0;    // how many seeds of the stream it stands for: those it replaced and itself
 };
 
 // The changes of one session's points that have not been taken yet. Changes belong to the newest frame. A seed replaces
@@ -75,6 +76,7 @@ class PointQueue {
   const int64_t max_points_;
   const int64_t max_waiting_;  // at one frame
   std::list<Waiting> waiting_;
+  uint64_t serial_ = 0;  // of the next seed
   int64_t frame_ = 0;
   int64_t at_frame_ = 0;                         // how many of waiting_ belong to frame_
   absl::flat_hash_map<PointId, Newest> newest_;  // ids whose last seed waits and belongs to frame_

@@ -77,7 +77,7 @@ bool Scheduler::TakeTurn() {
   int64_t cached = 0;
   for (const auto& session : sessions_) {
     Guard({session.get()}, [&] { session->Settle(); });
-    cached += session->tracks().cache().bytes();
+    cached += session->CachedBytes();
   }
   metrics_.CacheBytes(cached);
   DropClosed();
@@ -126,12 +126,8 @@ bool Scheduler::RefineBatch() {
 void Scheduler::Apply(RowBatch batch, std::vector<RowEstimate> estimates) {
   size_t next = 0;
   for (const auto& part : batch.parts) {
-    std::vector<PointRun> runs;
-    for (const DueRow& row : part.rows) {
-      if (auto run = part.session->tracks().Apply(row, std::move(estimates[next++]))) runs.push_back(*std::move(run));
-    }
-    // A session that was cancelled meanwhile wants no more results.
-    if (!part.session->inbox().cancelled()) part.session->Deliver(std::move(runs));
+    part.session->Apply(part.rows, &estimates[next]);
+    next += part.rows.size();
   }
 }
 

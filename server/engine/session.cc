@@ -2,38 +2,159 @@
 #include "server/engine/session.h"
 
 #include <algorithm>
+#include <exception>
+#include <new>
 #include <utility>
 
 namespace holdfast {
+namespace {
+
+constexpr int64_t kPyramidsInUse = 2;  // a job may hold frames that the session has forgotten
+
+bool UsesFlow(const SessionAccepted& accepted) {
+  return accepted.motion_prior || accepted.polish || accepted.emit == Emit::kEveryFrame;
+}
+
+std::unique_ptr<SessionFlow> MakeFlow(const Session::Options& options) {
+  if (!UsesFlow(options.accepted)) return nullptr;
+  SessionFlow::Options flow;
+  flow.starts = options.accepted.motion_prior;
+  flow.live = options.accepted.emit == Emit::kEveryFrame;
+  flow.patches = options.accepted.polish;
+  flow.window_frames = options.windows.frames;
+  return std::make_unique<SessionFlow>(flow);
+}
+
+}  // namespace
+
+int64_t Session::FlowBytes(const Options& options) {
+  if (!UsesFlow(options.accepted)) return 0;
+  // Those of the cache, those that finished windows are polished on, those not encoded yet, and two in use.
+  const int64_t frames =
+      options.max_cached_frames + options.windows.hop + options.inbox.max_pending_frames + kPyramidsInUse;
+  const int64_t patches = options.accepted.polish ? options.inbox.limits.max_points : 0;
+  return frames * FlowPyramid::MostBytes(options.accepted.processing_size) + patches * FlowPatch::kBytes;
+}
 
 Session::Session(const Options& options, SessionListener& listener, Clock& clock, EngineMetrics& metrics,
-                 std::unique_ptr<Admission::Ticket> ticket)
+                 Threads threads, std::unique_ptr<Admission::Ticket> ticket)
     : options_(options),
       listener_(listener),
       clock_(clock),
       metrics_(metrics),
+      threads_(std::move(threads)),
       inbox_(options.inbox),
+      flow_(MakeFlow(options)),
+      latency_(metrics),
       ticket_(std::move(ticket)),
-      tracks_(options.windows, options.provisional),
-      latency_(metrics) {}
+      tracks_(options.windows, options.provisional) {}
 
 absl::StatusOr<Room> Session::PushFrame(Frame frame) {
-  absl::StatusOr<Room> room = inbox_.Push(std::move(frame), clock_.SteadyNow());
+  const int64_t index = frame.index;
+  const std::optional<absl::Time> capture_time = frame.capture_time;
+  const SteadyTime now = clock_.SteadyNow();
+  absl::StatusOr<Room> room = inbox_.Push(std::move(frame), now);
   // After the end every call gets its status, which is about another frame.
   if (absl::IsInvalidArgument(room.status()) && room.status() != inbox_.end_status())
     metrics_.FrameDone(FrameResult::kRejected);
+  if (!room.ok()) return room;
+  latency_.Arrived(now);
+  capture_times_.Push(capture_time);
+  if (index == 0 && flow_ != nullptr) {
+    const ImageSize processing = options_.accepted.processing_size, flow = flow_size();
+    const auto scale = [this](int flow_side, int processing_side) {
+      return static_cast<float>(options_.stride) * static_cast<float>(flow_side) / static_cast<float>(processing_side);
+    };
+    flow_->SetGeometry(FrameGeometry(inbox_.frame_size(), processing, options_.stride),
+                       {scale(flow.width, processing.width), scale(flow.height, processing.height), flow.width});
+  }
+  threads_.submit([self = shared_from_this(), index] {
+    self->Decode(index);
+    self->threads_.notify();
+    self->AdvanceFlow();
+  });
   return room;
 }
+
+absl::Status Session::AddPoints(const std::vector<PointQuery>& points) {
+  absl::Status status = inbox_.AddPoints("add_points.points", points);
+  SubmitFlow();
+  return status;
+}
+
+absl::Status Session::RemovePoints(const std::vector<PointId>& ids) { return inbox_.RemovePoints(ids); }
 
 void Session::Decode(int64_t index) {
   const std::optional<std::string> bytes = inbox_.TakeBytes(index);
   if (!bytes) return;
   const SteadyTime begin = clock_.SteadyNow();
-  auto image = DecodeFrame(*bytes, options_.inbox.format, options_.accepted.processing_size);
+  GrayImage gray;
+  if (flow_ != nullptr) gray.size = flow_size();
+  auto image =
+      DecodeFrame(*bytes, options_.inbox.format, options_.accepted.processing_size, flow_ == nullptr ? nullptr : &gray);
   const SteadyTime end = clock_.SteadyNow();
+  if (flow_ != nullptr && image.ok()) {
+    GuardFlow([&] { flow_->AddFrame(index, std::make_shared<FlowPyramid>(gray)); });
+  }
   const bool rejected = !image.ok();
   if (inbox_.SetDecoded(index, std::move(image), end) && rejected) metrics_.FrameDone(FrameResult::kRejected);
   metrics_.StageTook(Stage::kDecode, Between(begin, end));
+}
+
+void Session::SubmitFlow() {
+  if (flow_ == nullptr) return;
+  threads_.submit([self = shared_from_this()] { self->AdvanceFlow(); });
+}
+
+void Session::AdvanceFlow() {
+  if (flow_ == nullptr || !flow_->BeginSteps()) return;
+  GuardFlow([this] {
+    do {
+      FetchOps(flow_->newest());
+      SteadyTime begin = clock_.SteadyNow();
+      while (flow_->Step()) {
+        const SteadyTime end = clock_.SteadyNow();
+        metrics_.StageTook(Stage::kFlow, Between(begin, end));
+        begin = end;
+      }
+      DeliverLive();
+    } while (!flow_->EndSteps());
+  });
+  threads_.notify();  // windows may have their starts now
+}
+
+void Session::FetchOps(int64_t newest) {
+  absl::MutexLock lock(&ops_mutex_);
+  const std::vector<PointOp> ops = inbox_.TakeOps(newest);
+  if (flow_ != nullptr) flow_->Apply(ops);
+  ops_.insert(ops_.end(), ops.begin(), ops.end());
+}
+
+std::vector<PointOp> Session::TakeOps(int64_t newest) {
+  FetchOps(newest);
+  std::vector<PointOp> ops;
+  absl::MutexLock lock(&ops_mutex_);
+  for (; !ops_.empty() && ops_.front().frame <= newest; ops_.pop_front()) ops.push_back(ops_.front());
+  return ops;
+}
+
+bool Session::AnyOps() {
+  absl::MutexLock lock(&ops_mutex_);
+  return !ops_.empty();
+}
+
+void Session::GuardFlow(const std::function<void()>& work) {
+  absl::Status status;
+  try {
+    work();
+    return;
+  } catch (const std::bad_alloc&) {
+    status = absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception&) {
+    status = absl::InternalError("optical flow failed");
+  }
+  absl::MutexLock lock(&polish_mutex_);
+  flow_failure_.Update(status);
 }
 
 void Session::AwaitDone() {
@@ -42,12 +163,20 @@ void Session::AwaitDone() {
 }
 
 int64_t Session::FramesReady() const {
-  return std::min(inbox_.ready(), options_.max_cached_frames - tracks_.cache().size());
+  int64_t room = options_.max_cached_frames - tracks_.cache().size();
+  if (flow_ != nullptr) {
+    const int64_t pyramids = tracks_.cache().newest() + 1 - flow_->oldest();
+    room = std::min(room, options_.max_cached_frames + options_.windows.hop - pyramids);
+  }
+  return std::min(inbox_.ready(), room);
 }
 
 std::vector<DecodedFrame> Session::TakeFrames(int64_t count) {
   SessionInbox::Taken taken = inbox_.TakeFrames(count);
-  if (taken.room) listener_.OnRoomForFrame();
+  if (taken.room) {
+    absl::MutexLock lock(&emit_mutex_);
+    listener_.OnRoomForFrame();
+  }
   const SteadyTime now = clock_.SteadyNow();
   for (const DecodedFrame& frame : taken.frames) metrics_.StageTook(Stage::kQueue, Between(frame.decoded, now));
   return std::move(taken.frames);
@@ -58,15 +187,14 @@ void Session::Admit(const DecodedFrame& frame, FrameFeaturesPtr features, Tracke
     tracks_.SetGeometry(FrameGeometry(inbox_.frame_size(), options_.accepted.processing_size, options_.stride));
   }
   tracks_.AddFrame(std::move(features));
-  latency_.Arrived(frame.arrival);
-  ++summary_.frames;
+  frames_processed_ = ++summary_.frames;
   metrics_.FrameDone(FrameResult::kTracked);
   metrics_.SessionLag(inbox_.frames_received() - summary_.frames);
   ApplyOps(model);
 }
 
 void Session::ApplyOps(TrackerModel& model) {
-  const std::vector<PointOp> ops = inbox_.TakeOps(tracks_.cache().newest());
+  const std::vector<PointOp> ops = TakeOps(tracks_.cache().newest());
   const int64_t before = tracks_.tracks();
   for (const PointOp& op : ops) summary_.points += op.seeds;
   for (size_t i = 0; i < ops.size();) {
@@ -76,22 +204,20 @@ void Session::ApplyOps(TrackerModel& model) {
       continue;
     }
     // Consecutive seeds of a frame are sampled together.
-    const int64_t frame = ops[i].frame;
-    std::vector<PointQuery> queries;
-    for (; i < ops.size() && ops[i].kind == PointOp::Kind::kSeed && ops[i].frame == frame; ++i) {
-      queries.push_back(ops[i].query);
-    }
-    Seed(queries, frame, model);
+    size_t end = i + 1;
+    while (end < ops.size() && ops[end].kind == PointOp::Kind::kSeed && ops[end].frame == ops[i].frame) ++end;
+    Seed(absl::MakeSpan(ops).subspan(i, end - i), model);
+    i = end;
   }
   CountPoints(before);
 }
 
-void Session::Seed(const std::vector<PointQuery>& queries, int64_t frame, TrackerModel& model) {
+void Session::Seed(absl::Span<const PointOp> ops, TrackerModel& model) {
   std::vector<Position> positions;
-  for (const PointQuery& query : queries) positions.push_back(tracks_.geometry().ToFeatures(query.x, query.y));
-  std::vector<std::vector<float>> features = model.Sample(*tracks_.cache().At(frame), positions);
-  for (size_t i = 0; i < queries.size(); ++i) {
-    tracks_.Seed({queries[i], frame, positions[i], std::move(features[i])});
+  for (const PointOp& op : ops) positions.push_back(tracks_.geometry().ToFeatures(op.query.x, op.query.y));
+  std::vector<std::vector<float>> features = model.Sample(*tracks_.cache().At(ops.front().frame), positions);
+  for (size_t i = 0; i < ops.size(); ++i) {
+    tracks_.Seed({ops[i].serial, ops[i].query, ops[i].frame, positions[i], std::move(features[i])});
   }
 }
 
@@ -99,29 +225,163 @@ void Session::CountPoints(int64_t before) {
   if (const int64_t delta = tracks_.tracks() - before; delta != 0) metrics_.PointsActive(delta);
 }
 
+std::vector<DueRow> Session::DueRows() const {
+  std::vector<DueRow> rows = tracks_.Due(inbox_.drained());
+  if (!options_.accepted.motion_prior) return rows;
+  rows.erase(std::remove_if(rows.begin(), rows.end(),
+                            [this](const DueRow& row) { return !flow_->Reaches(row.track->serial(), row.plan.last); }),
+             rows.end());
+  return rows;
+}
+
+void Session::AddStarts(std::vector<DueRow>& rows) const {
+  if (!options_.accepted.motion_prior) return;
+  for (DueRow& row : rows) row.carried = flow_->Starts(row.track->serial(), row.plan.last);
+}
+
+void Session::Apply(absl::Span<const DueRow> rows, RowEstimate* estimates) {
+  std::vector<PointRun> runs;
+  for (const DueRow& row : rows) {
+    if (auto run = tracks_.Apply(row, std::move(*estimates++))) runs.push_back(*std::move(run));
+  }
+  StartChains(rows);
+  // A session that was cancelled meanwhile wants no more results.
+  if (!inbox_.cancelled()) Deliver(std::move(runs));
+}
+
+void Session::StartChains(absl::Span<const DueRow> rows) {
+  if (flow_ == nullptr) return;
+  std::vector<SessionFlow::Base> bases;
+  for (const DueRow& row : rows) {
+    const PointTrack& track = *row.track;
+    bases.push_back({track.serial(), track.estimated_before() - 1, track.newest_position(), track.newest_confidence(),
+                     track.next_window_last(), row.plan.kind == WindowKind::kEarly});
+  }
+  flow_->Rebase(bases);
+  SubmitFlow();
+}
+
+void Session::StartPolish() {
+  if (!options_.accepted.polish || polishing_) return;
+  auto job = std::make_shared<PolishJob>();
+  job->tracks = tracks_.Unpolished();
+  if (job->tracks.empty()) return;
+  job->first = tracks_.cache().newest();
+  int64_t last = 0;
+  for (const PointTrack* track : job->tracks) {
+    const PointTrack::Unpolished unpolished = track->unpolished();
+    PolishTrack work{flow_->PatchOf(track->serial()), std::nullopt, unpolished.first, {}, unpolished.visible};
+    if (unpolished.previous) work.previous = flow_->ToFlow(*unpolished.previous);
+    for (const Position& position : unpolished.positions) work.positions.push_back(flow_->ToFlow(position));
+    job->first = std::min(job->first, unpolished.first - 1);
+    last = std::max(last, unpolished.first + static_cast<int64_t>(work.positions.size()) - 1);
+    job->work.push_back(std::move(work));
+  }
+  const std::vector<FlowPyramidPtr> pyramids = flow_->Pyramids(job->first, last);
+  job->pyramids = {pyramids.begin(), pyramids.end()};
+  polishing_ = true;
+  threads_.submit([self = shared_from_this(), job] { self->RunPolish(job); });
+}
+
+void Session::RunPolish(std::shared_ptr<PolishJob> job) {
+  const SteadyTime begin = clock_.SteadyNow();
+  GuardFlow([&job] { PolishFrame(absl::MakeSpan(job->work), job->first + 1, *job->pyramids[0], *job->pyramids[1]); });
+  metrics_.StageTook(Stage::kFlow, clock_.Since(begin));
+  job->pyramids.pop_front();
+  ++job->first;
+  if (job->pyramids.size() > 1) {  // one frame at a time, so that others' frames are decoded between them
+    threads_.submit([self = shared_from_this(), job] { self->RunPolish(job); });
+    return;
+  }
+  {
+    absl::MutexLock lock(&polish_mutex_);
+    polished_ = std::move(job);
+  }
+  threads_.notify();
+}
+
+void Session::FinishPolish() {
+  std::shared_ptr<PolishJob> job;
+  {
+    absl::MutexLock lock(&polish_mutex_);
+    job = std::move(polished_);
+  }
+  if (job == nullptr) return;
+  polishing_ = false;
+  std::vector<PointRun> runs;
+  for (size_t i = 0; i < job->tracks.size(); ++i) {
+    std::vector<Position> positions;
+    for (const FlowPoint& point : job->work[i].positions) positions.push_back(flow_->ToFeatures(point));
+    if (auto run = tracks_.Polish(*job->tracks[i], positions)) runs.push_back(*std::move(run));
+  }
+  Deliver(std::move(runs));
+}
+
 void Session::Deliver(std::vector<PointRun> runs) {
+  if (runs.empty()) return;
+  for (const PointRun& run : runs) summary_.final_samples += run.final_count;
+  absl::MutexLock lock(&emit_mutex_);
+  EmitLocked(std::move(runs));
+}
+
+void Session::DeliverLive() {
+  // Under the lock, so that no estimate of a window overtakes one that it revises.
+  absl::MutexLock lock(&emit_mutex_);
+  if (told_done_) return;
+  std::vector<PointRun> runs = flow_->TakeLive();
+  if (!runs.empty()) EmitLocked(std::move(runs));
+}
+
+void Session::EmitLocked(std::vector<PointRun> runs) {
   const SteadyTime begin = clock_.SteadyNow();
   for (const PointRun& run : runs) {
     latency_.Estimated(run.first_frame, run.first_frame + static_cast<int64_t>(run.x.size()), begin);
-    summary_.final_samples += run.final_count;
   }
-  if (runs.empty()) return;
-  listener_.OnTracks({std::move(runs), inbox_.frames_received(), summary_.frames});
+  std::vector<FrameTime> times = capture_times_.Of(runs);
+  listener_.OnTracks({std::move(runs), inbox_.frames_received(), frames_processed_, std::move(times)});
   metrics_.StageTook(Stage::kEmit, clock_.Since(begin));
 }
+
+void Session::EndTracks() {
+  const int64_t before = tracks_.tracks();
+  std::vector<PointRun> ended = tracks_.TakeEnded();
+  CountPoints(before);
+  for (const uint64_t serial : tracks_.TakeDropped()) {
+    if (flow_ != nullptr) flow_->Drop(serial);
+  }
+  Deliver(std::move(ended));
+}
+
+void Session::Evict() {
+  tracks_.Evict();
+  if (flow_ != nullptr) flow_->EvictBefore(std::min(tracks_.cache().oldest(), tracks_.oldest_for_polish()));
+  const int64_t reported = tracks_.reported_before();
+  latency_.Final(reported, clock_.SteadyNow());
+  capture_times_.EvictBefore(std::min(reported, tracks_.cache().oldest()));
+}
+
+absl::Status Session::FlowFailure() {
+  absl::MutexLock lock(&polish_mutex_);
+  return flow_failure_;
+}
+
+int64_t Session::CachedBytes() const { return tracks_.cache().bytes() + (flow_ == nullptr ? 0 : flow_->bytes()); }
 
 void Session::Settle() {
   if (closed_) return;
   if (inbox_.cancelled()) return Close(inbox_.end_status());
-  const int64_t before = tracks_.tracks();
-  std::vector<PointRun> ended = tracks_.TakeEnded();
-  CountPoints(before);
-  if (!ended.empty()) Deliver(std::move(ended));
-  tracks_.Evict();
-  latency_.Final(tracks_.reported_before(), clock_.SteadyNow());
-  if (!inbox_.drained() || tracks_.AnyDue(/*ended=*/true)) return;
+  if (absl::Status failure = FlowFailure(); !failure.ok()) return Close(failure);
+  FinishPolish();
+  EndTracks();
+  StartPolish();
+  Evict();
+  if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return;
+  tracks_.FinalizeAll();
+  StartPolish();
+  if (tracks_.AnyUnpolished()) return;
   const int64_t left = tracks_.tracks();
   std::vector<PointRun> last = tracks_.FinishAll();
+  if (flow_ != nullptr) flow_->Close();  // no instant estimate may follow final ones
   CountPoints(left);
   Deliver(std::move(last));
   latency_.Final(tracks_.reported_before(), clock_.SteadyNow());
@@ -132,13 +392,18 @@ void Session::Close(const absl::Status& status) {
   if (closed_) return;
   closed_ = true;
   inbox_.Close(status);
+  if (flow_ != nullptr) flow_->Close();
   for (int64_t dropped = inbox_.TakeDropped(); dropped > 0; --dropped) metrics_.FrameDone(FrameResult::kDropped);
   CountPoints(tracks_.Clear());
   metrics_.SessionClosed(status.ok()                 ? SessionOutcome::kCompleted
                          : absl::IsCancelled(status) ? SessionOutcome::kCancelled
                                                      : SessionOutcome::kFailed);
   ticket_.reset();  // before OnDone: who hears of the end may come back at once
-  listener_.OnDone(status, summary_);
+  {
+    absl::MutexLock lock(&emit_mutex_);
+    told_done_ = true;
+    listener_.OnDone(status, summary_);
+  }
   absl::MutexLock lock(&done_mutex_);
   done_ = true;
   done_changed_.SignalAll();

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <atomic>
 #include <cstdint>
+#include <deque>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -11,19 +14,24 @@
 #include "proto/clock.h"
 #include "proto/types.h"
 #include "server/engine/admission.h"
+#include "server/engine/capture_times.h"
 #include "server/engine/engine.h"
 #include "server/engine/latency_log.h"
 #include "server/engine/metrics.h"
 #include "server/engine/point_queue.h"
+#include "server/engine/polish.h"
+#include "server/engine/session_flow.h"
 #include "server/engine/session_inbox.h"
 #include "server/engine/track_set.h"
 #include "server/engine/tracker_model.h"
 
 namespace holdfast {
 
-// One stream inside the engine: an inbox that any thread fills, and the tracks, which belong to the compute thread. The
-// handle, queued decode jobs and the scheduler share it; after OnDone it does nothing more.
-class Session {
+// One stream inside the engine: an inbox that any thread fills, the tracks, which belong to the compute thread, and
+// optical flow, which threads of the decode pool compute: they carry points from frame to frame as frames are decoded,
+// and polish what has become final. Windows wait for the flow they start from, the compute thread does not. The handle,
+// queued jobs and the scheduler share the session; after OnDone it does nothing more.
+class Session : public std::enable_shared_from_this<Session> {
  public:
   struct Options {
     SessionAccepted accepted;
@@ -34,20 +42,29 @@ class Session {
     int stride = 8;
     int64_t max_cached_frames = 0;  // above a window, so that a full cache always holds a window that is due
   };
+  struct Threads {
+    std::function<void(std::function<void()>)> submit;  // runs a job on a thread of the decode pool
+    std::function<void()> notify;                       // there may be something new for the compute thread
+  };
+  // The most that a session's pictures and patches for optical flow take; 0 when it uses none.
+  static int64_t FlowBytes(const Options& options);
+
   // 'listener', 'clock' and 'metrics' must outlive the session, the listener only until OnDone has returned.
-  Session(const Options& options, SessionListener& listener, Clock& clock, EngineMetrics& metrics,
+  Session(const Options& options, SessionListener& listener, Clock& clock, EngineMetrics& metrics, Threads threads,
           std::unique_ptr<Admission::Ticket> ticket);
 
   // --- Any thread.
   const SessionAccepted& accepted() const { return options_.accepted; }
   SessionInbox& inbox() { return inbox_; }
+  // Decodes the frame on the decode pool.
   absl::StatusOr<Room> PushFrame(Frame frame);
-  // Decodes one frame in place; on a thread of the decode pool.
-  void Decode(int64_t index);
+  // As those of the inbox.
+  absl::Status AddPoints(const std::vector<PointQuery>& points);
+  absl::Status RemovePoints(const std::vector<PointId>& ids);
   // Until OnDone has returned.
   void AwaitDone() ABSL_LOCKS_EXCLUDED(done_mutex_);
 
-  // --- The compute thread. All calls to the listener come from here.
+  // --- The compute thread.
   const Options& options() const { return options_; }
   bool done() const { return closed_; }
   // Frames that may be encoded now: decoded, and within what the cache may hold.
@@ -56,28 +73,82 @@ class Session {
   void Admit(const DecodedFrame& frame, FrameFeaturesPtr features, TrackerModel& model);
   // Points added or removed at frames that are there.
   void ApplyOps(TrackerModel& model);
-  std::vector<DueRow> DueRows() const { return tracks_.Due(inbox_.drained()); }
-  TrackSet& tracks() { return tracks_; }
-  void Deliver(std::vector<PointRun> runs);
+  // Rows whose starts are known.
+  std::vector<DueRow> DueRows() const;
+  // Fills the starts in. REQUIRES: 'rows' came from DueRows.
+  void AddStarts(std::vector<DueRow>& rows) const;
+  const TrackSet& tracks() const { return tracks_; }
+  // The rows' results, in order, are at 'estimates'.
+  void Apply(absl::Span<const DueRow> rows, RowEstimate* estimates);
+  int64_t CachedBytes() const;
   // Ends tracks, forgets frames, and ends the session when it is cancelled or has nothing left to do.
   void Settle();
   // Ends the session as it stands.
   void Close(const absl::Status& status);
 
  private:
-  void Seed(const std::vector<PointQuery>& queries, int64_t frame, TrackerModel& model);
+  struct PolishJob {
+    std::vector<PointTrack*> tracks;      // only the compute thread looks at them
+    std::vector<PolishTrack> work;        // one each
+    std::deque<FlowPyramidPtr> pyramids;  // from frame 'first' on, up to the last to polish
+    int64_t first = 0;                    // polished up to here
+  };
+
+  // On a thread of the decode pool.
+  void Decode(int64_t index);
+  void AdvanceFlow();
+  void DeliverLive() ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  // Polishes one frame and comes again until all are done.
+  void RunPolish(std::shared_ptr<PolishJob> job) ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  // What the work throws ends the session.
+  void GuardFlow(const std::function<void()>& work) ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  void SubmitFlow();
+  // Once the first frame has come.
+  ImageSize flow_size() const { return FlowSize(inbox_.frame_size(), options_.accepted.processing_size); }
+
+  // Either: moves the operations up to this frame from the inbox to where the tracks take them from, and seeds and ends
+  // chains as they say.
+  void FetchOps(int64_t newest) ABSL_LOCKS_EXCLUDED(ops_mutex_);
+  std::vector<PointOp> TakeOps(int64_t newest) ABSL_LOCKS_EXCLUDED(ops_mutex_);
+  bool AnyOps() ABSL_LOCKS_EXCLUDED(ops_mutex_);
+  void EmitLocked(std::vector<PointRun> runs) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
+
+  // On the compute thread.
+  void Deliver(std::vector<PointRun> runs) ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  void StartChains(absl::Span<const DueRow> rows);
+  void StartPolish();
+  void FinishPolish() ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  void EndTracks();
+  void Evict();
+  absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  void Seed(absl::Span<const PointOp> ops, TrackerModel& model);
   void CountPoints(int64_t before);
 
   const Options options_;
   SessionListener& listener_;
   Clock& clock_;
   EngineMetrics& metrics_;
+  const Threads threads_;
   SessionInbox inbox_;
+  const std::unique_ptr<SessionFlow> flow_;  // null: nothing needs it
+  absl::Mutex ops_mutex_;                    // held while operations are moved, so that they keep their order
+  std::deque<PointOp> ops_ ABSL_GUARDED_BY(ops_mutex_);  // known to the flow, not to the tracks yet
+  LatencyLog latency_;
+  CaptureTimes capture_times_;
+  std::atomic<int64_t> frames_processed_{0};
+
+  // Held in every call of the listener, so that they come one at a time.
+  absl::Mutex emit_mutex_;
+  bool told_done_ ABSL_GUARDED_BY(emit_mutex_) = false;
+
+  absl::Mutex polish_mutex_;
+  std::shared_ptr<PolishJob> polished_ ABSL_GUARDED_BY(polish_mutex_);  // done, not applied yet
+  absl::Status flow_failure_ ABSL_GUARDED_BY(polish_mutex_);
 
   // Compute thread only.
+  bool polishing_ = false;
   std::unique_ptr<Admission::Ticket> ticket_;
   TrackSet tracks_;
-  LatencyLog latency_;
   SessionSummary summary_;
   bool closed_ = false;
 

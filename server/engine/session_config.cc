@@ -43,6 +43,22 @@ int DefaultHop(const EngineOptions& options, int window) {
   return options.chaining == Chaining::kPublished ? window - 1 : options.hop_frames;
 }
 
+bool Switch(const std::optional<bool>& wanted, bool standard, const EngineOptions& options) {
+  return wanted.value_or(standard && options.chaining != Chaining::kPublished);
+}
+
+void CheckMotion(const SessionConfig& config, const SessionAccepted& accepted, const EngineOptions& options,
+                 Violations& violations) {
+  const bool published = options.chaining == Chaining::kPublished;
+  if (published && accepted.motion_prior) {
+    violations.Add("config.motion_prior", "the server's chaining of windows has none");
+  }
+  if (published && accepted.polish) violations.Add("config.polish", "the server's chaining of windows has none");
+  if (accepted.emit == Emit::kEveryFrame && !config.send_provisional) {
+    violations.Add("config.emit", "estimates of every frame are provisional; do not ask for final ones only");
+  }
+}
+
 void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options, Violations& violations) {
   const int lowest = options.chaining == Chaining::kPublished ? accepted.window_frames - 1 : 1;
   const int highest = accepted.window_frames - 1;
@@ -65,11 +81,15 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   accepted.window_frames = model.window_frames;
   accepted.hop_frames = config.hop_frames == 0 ? DefaultHop(options, model.window_frames) : config.hop_frames;
   accepted.iterations = config.iterations == 0 ? options.iterations : config.iterations;
+  accepted.emit = config.emit;
+  accepted.motion_prior = Switch(config.motion_prior, options.motion_prior, options);
+  accepted.polish = Switch(config.polish, options.polish, options);
   accepted.limits = options.limits;
   Violations violations;
   CheckRawSize(config, options, violations);
   CheckProcessingSize(accepted.processing_size, options, violations);
   CheckNumbers(accepted, options, violations);
+  CheckMotion(config, accepted, options, violations);
   if (config.label.size() > kMaxLabelBytes) {
     violations.Add("config.label", absl::StrCat("longer than ", kMaxLabelBytes, " bytes"));
   }

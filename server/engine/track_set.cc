@@ -60,13 +60,37 @@ WindowGroup TrackSet::Group(absl::Span<const DueRow> rows) const {
   for (int64_t frame = plan.first; frame < plan.first + windows_.frames; ++frame) {
     group.frames.push_back(cache_.At(std::min(frame, plan.last)));
   }
-  for (const DueRow& row : rows) group.rows.push_back(row.track->Row(row.plan));
+  for (const DueRow& row : rows) group.rows.push_back(row.track->Row(row.plan, row.carried));
   return group;
 }
 
 std::optional<PointRun> TrackSet::Apply(const DueRow& row, RowEstimate estimate) {
   row.track->Apply(row.plan, std::move(estimate), geometry_);
+  if (row.track->waits_for_polish()) return std::nullopt;
   return row.track->TakeRun(provisional_, geometry_);
+}
+
+std::vector<PointTrack*> TrackSet::Unpolished() {
+  std::vector<PointTrack*> taken;
+  for (const auto& track : tracks_) {
+    if (track->waits_for_polish()) taken.push_back(track.get());
+  }
+  return taken;
+}
+
+std::optional<PointRun> TrackSet::Polish(PointTrack& track, absl::Span<const Position> positions) {
+  track.Polish(positions, geometry_);
+  return track.TakeRun(provisional_, geometry_);
+}
+
+bool TrackSet::AnyUnpolished() const {
+  return std::any_of(tracks_.begin(), tracks_.end(), [](const auto& track) { return track->waits_for_polish(); });
+}
+
+int64_t TrackSet::oldest_for_polish() const {
+  int64_t oldest = cache_.newest() + 1;
+  for (const auto& track : tracks_) oldest = std::min(oldest, track->reportable_before() - 1);
+  return oldest;
 }
 
 std::vector<PointRun> TrackSet::TakeEnded() {
@@ -80,22 +104,34 @@ std::vector<PointRun> TrackSet::TakeEnded() {
       return false;
     }
     track->Finalize();
+    if (track->waits_for_polish()) {
+      waiting.insert(track->id());
+      return false;
+    }
     if (auto run = track->TakeRun(provisional_, geometry_)) runs.push_back(*std::move(run));
     return true;
   };
   // remove_if may not call its predicate in order by the letter of the standard; this loop does.
   std::vector<std::unique_ptr<PointTrack>> kept;
   for (auto& track : tracks_) {
-    if (!ended(track)) kept.push_back(std::move(track));
+    if (ended(track)) {
+      dropped_.push_back(track->serial());
+    } else {
+      kept.push_back(std::move(track));
+    }
   }
   tracks_ = std::move(kept);
   return runs;
 }
 
+void TrackSet::FinalizeAll() {
+  for (const auto& track : tracks_) track->Finalize();
+}
+
 std::vector<PointRun> TrackSet::FinishAll() {
   std::vector<PointRun> runs;
+  FinalizeAll();
   for (const auto& track : tracks_) {
-    track->Finalize();
     if (auto run = track->TakeRun(provisional_, geometry_)) runs.push_back(*std::move(run));
   }
   Clear();

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
@@ -21,6 +22,7 @@ namespace holdfast {
 struct DueRow {
   PointTrack* track = nullptr;
   WindowPlan plan;
+  std::vector<Position> carried;  // as PointTrack::Row takes it
 };
 
 // The points of one session and the features they need, and nothing else: no threads, no queue, no network. Memory is
@@ -44,15 +46,27 @@ class TrackSet {
   bool AnyDue(bool ended) const;
   // Input of rows that share a plan. Borrows from their tracks.
   WindowGroup Group(absl::Span<const DueRow> rows) const;
-  // Takes a row's result; the run to report, if there is one.
+  // Takes a row's result; the run to report, if there is one. A track that waits to be polished reports afterwards.
   std::optional<PointRun> Apply(const DueRow& row, RowEstimate estimate);
+
+  // Tracks that wait to be polished.
+  std::vector<PointTrack*> Unpolished();
+  // REQUIRES: 'track' was taken, and 'positions' are those of all frames it had unpolished then.
+  std::optional<PointRun> Polish(PointTrack& track, absl::Span<const Position> positions);
+  bool AnyUnpolished() const;
+  // No frame before this one is of use for polishing.
+  int64_t oldest_for_polish() const;
 
   // Drops tracks that have ended and whose windows have run; their last runs.
   std::vector<PointRun> TakeEnded();
-  // Everything becomes final. REQUIRES: !AnyDue(true).
+  // All estimates become final as they stand. REQUIRES: !AnyDue(true).
+  void FinalizeAll();
+  // As FinalizeAll; the last runs. REQUIRES: !AnyDue(true), and nothing waits to be polished once all is final.
   std::vector<PointRun> FinishAll();
   // Drops everything as it stands; the number of tracks there were.
   int64_t Clear();
+  // Serial numbers of the tracks dropped since the last call.
+  std::vector<uint64_t> TakeDropped() { return std::exchange(dropped_, {}); }
   // Forgets the frames that no window to come needs.
   void Evict();
 
@@ -73,6 +87,7 @@ class TrackSet {
   FeatureCache cache_;
   std::vector<std::unique_ptr<PointTrack>> tracks_;  // in the order they were seeded
   absl::flat_hash_map<PointId, PointTrack*> live_;   // the tracks that have not been ended
+  std::vector<uint64_t> dropped_;                    // serial numbers
 };
 
 }  // namespace holdfast

@@ -12,6 +12,8 @@ struct WindowOptions {
   int64_t frames = 24;  // S, at least 2
   int64_t hop = 8;      // h, 1 .. S - 1
   bool early = true;    // run the first window every h frames until it is full
+  // Frames that become final wait for their polished positions.
+  bool polish = false;
   // The last window may revise estimates of the window before it, as the published script does: they stay provisional
   // for longer.
   bool revise_last = false;

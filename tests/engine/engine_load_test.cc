@@ -28,7 +28,9 @@ using ::testing::SizeIs;
 
 TEST_F(EngineTest, MemoryAfter2000FramesIsThatAfter200) {
   RecordingListener listener;
-  auto session = Open(Config({{1, 1, 1}, {2, 2, 2}}), listener);
+  SessionConfig config = Config({{1, 1, 1}, {2, 2, 2}});
+  config.motion_prior = config.polish = false;  // features alone
+  auto session = Open(config, listener);
   PushFrames(*session, listener, 0, 200);
   listener.AwaitFinal(1, 170);
   // What was cached may be up to what the session was admitted with; never more.

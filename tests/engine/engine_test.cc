@@ -14,7 +14,6 @@
 namespace holdfast {
 namespace {
 
-using ::testing::Gt;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
@@ -46,7 +45,7 @@ TEST_F(EngineTest, EncodesEveryFrameOnceWhateverThePointsAndWindows) {
   session->Finish();
   EXPECT_THAT(listener.AwaitDone(), IsOk());
   EXPECT_EQ(counts_->frames, 60);
-  EXPECT_THAT(counts_->rows, Gt(100 * 37));
+  EXPECT_GE(counts_->rows, 100 * 37);
   EXPECT_THAT(listener.Final(99), SizeIs(60));
 }
 

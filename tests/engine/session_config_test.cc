@@ -78,6 +78,22 @@ TEST(SessionConfigTest, NamesTheFirstViolationsAndCountsTheRest) {
   EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("; and 3993 more")));
 }
 
+TEST(SessionConfigTest, TheSwitchesOfOpticalFlowFollowTheEngineUnlessTheSessionSaysOtherwise) {
+  EngineOptions options;
+  options.polish = false;
+  EXPECT_TRUE(Negotiate({}, options, {})->motion_prior);
+  EXPECT_FALSE(Negotiate({}, options, {})->polish);
+  SessionConfig config;
+  config.motion_prior = false;
+  config.polish = true;
+  config.emit = Emit::kEveryFrame;
+  EXPECT_FALSE(Negotiate(config, options, {})->motion_prior);
+  EXPECT_TRUE(Negotiate(config, options, {})->polish);
+  EXPECT_EQ(Negotiate(config, options, {})->emit, Emit::kEveryFrame);
+  options.chaining = Chaining::kPublished;
+  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.polish"));
+}
+
 TEST(SessionConfigTest, ThePublishedChainingHasOneHop) {
   EngineOptions options;
   options.chaining = Chaining::kPublished;

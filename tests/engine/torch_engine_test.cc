@@ -34,8 +34,10 @@ std::unique_ptr<Engine> EngineOf(PointModel model, const EngineOptions& options)
   return *std::move(engine);
 }
 
+// The network alone.
 EngineOptions Exact(ImageSize processing) {
   EngineOptions options;
+  options.motion_prior = options.polish = false;
   options.precision = Precision::kFloat32;
   options.compute_threads = 1;
   options.processing_size = processing;

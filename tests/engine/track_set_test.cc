@@ -32,7 +32,7 @@ class Harness {
   void Seed(PointId id, float x = 160, float y = 80) {
     const Position at = tracks_.geometry().ToFeatures(x, y);
     const auto feature = model_.Sample(*tracks_.cache().At(frames_ - 1), {&at, 1}).front();
-    tracks_.Seed({{id, x, y}, frames_ - 1, at, feature});
+    tracks_.Seed({seeds_++, {id, x, y}, frames_ - 1, at, feature});
   }
   void RunDue(bool ended = false) {
     for (auto rows = tracks_.Due(ended); !rows.empty(); rows = tracks_.Due(ended)) {
@@ -68,6 +68,7 @@ class Harness {
   FakeTrackerModel model_;
   TrackSet tracks_;
   int64_t frames_ = 0;
+  uint64_t seeds_ = 0;
   std::vector<PointRun> runs_;
   std::vector<int> used_;  // values of the frames refined on
 };

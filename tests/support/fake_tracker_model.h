@@ -41,6 +41,7 @@ class FakeTrackerModel : public TrackerModel {
   std::shared_ptr<const Counts> counts() const { return counts_; }
   float step = 0.5f;
   float similarity = 1.0f;
+  bool keep_starts = false;  // instead: estimates are the starts, 'step' to the right of them but for the first
   // Called at the beginning of Encode and Refine, on the engine's thread; may block or throw.
   std::function<void()> before_encode = [] {};
   std::function<void(absl::Span<const WindowGroup>)> before_refine = [](absl::Span<const WindowGroup>) {};
@@ -95,7 +96,8 @@ class FakeTrackerModel : public TrackerModel {
     RowEstimate estimate;
     estimate.positions = row.start;
     for (size_t t = 1; t < row.start.size(); ++t) {
-      estimate.positions[t] = {estimate.positions[t - 1].x + step, estimate.positions[t - 1].y};
+      const Position& from = keep_starts ? row.start[t] : estimate.positions[t - 1];
+      estimate.positions[t] = {from.x + step, from.y};
     }
     estimate.similarity.assign(row.start.size(), similarity);
     estimate.last_step.assign(row.start.size(), 0.0f);

@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/session_flow.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "server/engine/confidence.h"
+
+namespace holdfast {
+namespace {
+
+constexpr float kMaxRoundTrip = 2;  // pixels of a picture 512 wide
+// What is left of the confidence after a frame that flow carried a point over, and after one where it lost it.
+constexpr float kHeldConfidence = 0.99f;
+constexpr float kLostConfidence = 0.5f;
+
+}  // namespace
+
+void SessionFlow::SetGeometry(const FrameGeometry& geometry, const Scale& scale) {
+  absl::MutexLock lock(&mutex_);
+  geometry_ = geometry;
+  scale_ = scale;
+}
+
+void SessionFlow::AddFrame(int64_t index, FlowPyramidPtr pyramid) {
+  absl::MutexLock lock(&mutex_);
+  if (closed_ || index < oldest_) return;
+  const size_t at = static_cast<size_t>(index - oldest_);
+  if (pyramids_.size() <= at) pyramids_.resize(at + 1);
+  pyramids_[at] = std::move(pyramid);
+  while (without_gap_ - oldest_ < static_cast<int64_t>(pyramids_.size()) &&
+         pyramids_[without_gap_ - oldest_] != nullptr)
+    ++without_gap_;
+}
+
+bool SessionFlow::BeginSteps() {
+  absl::MutexLock lock(&mutex_);
+  if (closed_) return false;
+  news_ = true;
+  if (stepping_) return false;
+  stepping_ = true;
+  news_ = false;
+  return true;
+}
+
+bool SessionFlow::EndSteps() {
+  absl::MutexLock lock(&mutex_);
+  if (news_ && !closed_) {
+    news_ = false;
+    return false;
+  }
+  stepping_ = false;
+  return true;
+}
+
+bool SessionFlow::Step() {
+  Work work;
+  {
+    absl::MutexLock lock(&mutex_);
+    work = NextWorkLocked();
+  }
+  if (work.heads.empty()) return false;
+  std::vector<FlowPoint> points;
+  for (const Head& head : work.heads) points.push_back(head.at);
+  const std::vector<FlowStep> steps = CarryPoints(*work.from, *work.to, points, ToFlowPixels(kMaxRoundTrip));
+  absl::MutexLock lock(&mutex_);
+  GrowLocked(work, steps);
+  return true;
+}
+
+SessionFlow::Work SessionFlow::NextWorkLocked() const {
+  Work work;
+  work.frame = std::numeric_limits<int64_t>::max();
+  const auto consider = [&](uint64_t serial, const Entry& entry, const Chain& chain, bool live) {
+    mutex_.AssertHeld();
+    if (!CanGrowLocked(entry, chain) || chain.head() > work.frame) return;
+    if (chain.head() < work.frame) work.heads.clear();
+    work.frame = chain.head();
+    work.heads.push_back({serial, entry.generation, live, chain.points.back()});
+  };
+  for (const auto& [serial, entry] : entries_) {
+    if (options_.starts || !entry.live) consider(serial, entry, entry.chain, false);
+    if (entry.live) consider(serial, entry, *entry.live, true);
+  }
+  if (work.heads.empty()) return work;
+  work.from = pyramids_[work.frame - oldest_];
+  work.to = pyramids_[work.frame + 1 - oldest_];
+  return work;
+}
+
+bool SessionFlow::CanGrowLocked(const Entry& entry, const Chain& chain) const {
+  const bool reported = options_.live && (!entry.live || &chain == &*entry.live);
+  const int64_t wanted = reported ? NewestLocked() : std::min(NewestLocked(), chain.until);
+  return chain.head() >= oldest_ && chain.head() < std::min(wanted, entry.last_frame);
+}
+
+void SessionFlow::GrowLocked(const Work& work, absl::Span<const FlowStep> steps) {
+  for (size_t i = 0; i < work.heads.size(); ++i) {
+    const Head& head = work.heads[i];
+    const auto found = entries_.find(head.serial);
+    if (found == entries_.end() || found->second.generation != head.generation) continue;
+    Chain& chain = head.live ? *found->second.live : found->second.chain;
+    chain.points.push_back(steps[i].at);
+    chain.confidence.push_back(chain.confidence.back() * (steps[i].held ? kHeldConfidence : kLostConfidence));
+  }
+}
+
+std::vector<PointRun> SessionFlow::TakeLive() {
+  std::vector<PointRun> runs;
+  absl::MutexLock lock(&mutex_);
+  if (!options_.live) return runs;
+  for (auto& [serial, entry] : entries_) {
+    const Chain& chain = entry.live ? *entry.live : entry.chain;
+    const int64_t end = std::min(chain.head() + 1, entry.stop);
+    if (entry.report_from < chain.first || entry.report_from >= end) continue;
+    runs.push_back(RunOf(entry, chain, end));
+    entry.report_from = end;
+  }
+  return runs;
+}
+
+PointRun SessionFlow::RunOf(const Entry& entry, const Chain& chain, int64_t end) const {
+  PointRun run;
+  run.id = entry.query.id;
+  run.first_frame = entry.report_from;
+  for (int64_t frame = entry.report_from; frame < end; ++frame) {
+    const Position at = ToFeatures(chain.points[frame - chain.first]);
+    const float confidence = chain.confidence[frame - chain.first];
+    const bool queried = frame == entry.query_frame;
+    run.x.push_back(queried ? entry.query.x : geometry_.ToFrameX(at));
+    run.y.push_back(queried ? entry.query.y : geometry_.ToFrameY(at));
+    run.confidence.push_back(confidence);
+    run.visible.push_back(confidence > kVisibleAbove && geometry_.Inside(at) ? 1 : 0);
+  }
+  return run;
+}
+
+int64_t SessionFlow::NewestLocked() const { return without_gap_ - 1; }
+
+int64_t SessionFlow::newest() const {
+  absl::MutexLock lock(&mutex_);
+  return NewestLocked();
+}
+
+void SessionFlow::Apply(absl::Span<const PointOp> ops) {
+  absl::MutexLock lock(&mutex_);
+  if (closed_) return;
+  for (const PointOp& op : ops) {
+    if (op.kind == PointOp::Kind::kSeed) {
+      EndLocked(op.query.id, /*last_frame=*/op.frame, /*stop=*/op.frame);
+      SeedLocked(op);
+    } else {
+      EndLocked(op.query.id, op.frame, op.frame + 1);
+    }
+  }
+}
+
+void SessionFlow::SeedLocked(const PointOp& op) {
+  Entry entry;
+  entry.query = op.query;
+  entry.query_frame = entry.report_from = op.frame;
+  const FlowPoint at = ToFlow(geometry_.ToFeatures(op.query.x, op.query.y));
+  entry.chain = {op.frame, {at}, {1.0f}, op.frame + options_.window_frames - 1};
+  if (options_.patches && op.frame >= oldest_) {
+    entry.patch = std::make_shared<FlowPatch>(CutPatch(*pyramids_[op.frame - oldest_], at));
+  }
+  entries_.emplace(op.serial, std::move(entry));
+  alive_[op.query.id] = op.serial;
+}
+
+void SessionFlow::EndLocked(PointId id, int64_t last_frame, int64_t stop) {
+  const auto found = alive_.find(id);
+  if (found == alive_.end()) return;
+  if (const auto entry = entries_.find(found->second); entry != entries_.end()) {
+    entry->second.last_frame = last_frame;
+    entry->second.stop = stop;
+  }
+  alive_.erase(found);
+}
+
+void SessionFlow::Rebase(absl::Span<const Base> bases) {
+  absl::MutexLock lock(&mutex_);
+  for (const Base& base : bases) {
+    const auto found = entries_.find(base.serial);
+    if (found == entries_.end()) continue;
+    Entry& entry = found->second;
+    const bool beside = base.early && options_.starts;
+    if (beside && !options_.live) continue;
+    const Chain chain{base.frame, {ToFlow(base.position)}, {base.confidence}, base.until};
+    ++entry.generation;
+    entry.report_from = base.frame + 1;
+    if (beside) {
+      entry.live = chain;
+    } else {
+      entry.chain = chain;
+      entry.live.reset();
+    }
+  }
+}
+
+bool SessionFlow::Reaches(uint64_t serial, int64_t frame) const {
+  absl::MutexLock lock(&mutex_);
+  const auto found = entries_.find(serial);
+  return found != entries_.end() && found->second.chain.head() >= frame;
+}
+
+std::vector<Position> SessionFlow::Starts(uint64_t serial, int64_t last) const {
+  absl::MutexLock lock(&mutex_);
+  const Chain& chain = entries_.at(serial).chain;
+  std::vector<Position> starts;
+  for (int64_t frame = chain.first + 1; frame <= last; ++frame) {
+    starts.push_back(ToFeatures(chain.points[frame - chain.first]));
+  }
+  return starts;
+}
+
+std::shared_ptr<const FlowPatch> SessionFlow::PatchOf(uint64_t serial) const {
+  absl::MutexLock lock(&mutex_);
+  const auto found = entries_.find(serial);
+  return found == entries_.end() ? nullptr : found->second.patch;
+}
+
+std::vector<FlowPyramidPtr> SessionFlow::Pyramids(int64_t first, int64_t last) const {
+  absl::MutexLock lock(&mutex_);
+  std::vector<FlowPyramidPtr> pyramids;
+  for (int64_t frame = first; frame <= last; ++frame) pyramids.push_back(pyramids_[frame - oldest_]);
+  return pyramids;
+}
+
+void SessionFlow::Drop(uint64_t serial) {
+  absl::MutexLock lock(&mutex_);
+  entries_.erase(serial);
+}
+
+void SessionFlow::EvictBefore(int64_t frame) {
+  absl::MutexLock lock(&mutex_);
+  for (; oldest_ < std::min(frame, without_gap_); ++oldest_) pyramids_.pop_front();
+}
+
+void SessionFlow::Close() {
+  absl::MutexLock lock(&mutex_);
+  closed_ = true;
+  pyramids_.clear();
+  entries_.clear();
+  alive_.clear();
+}
+
+int64_t SessionFlow::oldest() const {
+  absl::MutexLock lock(&mutex_);
+  return oldest_;
+}
+
+int64_t SessionFlow::bytes() const {
+  absl::MutexLock lock(&mutex_);
+  int64_t bytes = 0;
+  for (const FlowPyramidPtr& pyramid : pyramids_) bytes += pyramid == nullptr ? 0 : pyramid->bytes();
+  for (const auto& [serial, entry] : entries_) bytes += entry.patch == nullptr ? 0 : FlowPatch::kBytes;
+  return bytes;
+}
+
+}  // namespace holdfast
