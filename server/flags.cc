@@ -47,6 +47,8 @@ ABSL_FLAG(std::string, processing_size,
           "default WIDTHxHEIGHT that frames are resized to; multiples of 32");
 ABSL_FLAG(int, hop, Defaults().engine.hop_frames, "default number of new frames between windows");
 ABSL_FLAG(int, iterations, Defaults().engine.iterations, "default number of refinement iterations of a window");
+ABSL_FLAG(bool, motion_prior, Defaults().engine.motion_prior, "default: windows start from where optical flow leads");
+ABSL_FLAG(bool, polish, Defaults().engine.polish, "default: final positions are moved to where the picture says");
 ABSL_FLAG(int, max_sessions, Defaults().engine.max_sessions, "sessions at once; further ones are refused");
 ABSL_FLAG(int, max_points, Defaults().engine.limits.max_points, "points of a session");
 ABSL_FLAG(int, max_frame_mib, static_cast<int>(Mebi(Defaults().engine.limits.max_frame_bytes)),
@@ -55,7 +57,7 @@ ABSL_FLAG(double, max_frame_megapixels, Defaults().engine.limits.max_frame_pixel
           "size of one decoded frame, millions of pixels");
 ABSL_FLAG(int64_t, max_session_frames, Defaults().engine.limits.max_frames, "frames of a session; 0: endless");
 ABSL_FLAG(int64_t, cache_mib, Mebi(Defaults().engine.cache_budget_bytes),
-          "memory for the features of all sessions, MiB");
+          "memory for the features and pictures of all sessions, MiB");
 ABSL_FLAG(int, max_batch_rows, Defaults().engine.max_batch_rows, "rows (point windows) refined in one batch");
 ABSL_FLAG(int, max_pending_frames, Defaults().engine.max_pending_frames,
           "frames of a session that may wait to be encoded");
@@ -126,6 +128,8 @@ absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
   options.processing_size = *size;
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
+  options.motion_prior = absl::GetFlag(FLAGS_motion_prior);
+  options.polish = absl::GetFlag(FLAGS_polish);
   options.max_sessions = absl::GetFlag(FLAGS_max_sessions);
   options.max_batch_rows = absl::GetFlag(FLAGS_max_batch_rows);
   options.max_pending_frames = absl::GetFlag(FLAGS_max_pending_frames);

@@ -2,6 +2,8 @@
 #include "server/outbox.h"
 
 #include <algorithm>
+#include <limits>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -21,11 +23,28 @@ void Overwrite(std::vector<T>& to, const std::vector<T>& from, int64_t at) {
   std::copy(from.begin(), from.end(), to.begin() + at);
 }
 
+// As Merge, where 'newer' begins first.
+bool Prepend(PointRun& older, const PointRun& newer) {
+  const int64_t covered = newer.first_frame + Length(newer) - older.first_frame;
+  if (covered < 0 || older.final_count > 0) return false;
+  PointRun merged = newer;
+  const auto append = [covered](auto& to, const auto& from) {
+    if (covered < static_cast<int64_t>(from.size())) to.insert(to.end(), from.begin() + covered, from.end());
+  };
+  append(merged.x, older.x);
+  append(merged.y, older.y);
+  append(merged.visible, older.visible);
+  append(merged.confidence, older.confidence);
+  older = std::move(merged);
+  return true;
+}
+
 // Makes 'older' say what it and then 'newer' say. False, and nothing happens, where one run cannot: there is a gap
 // between them, or the final samples would not be the first ones.
 bool Merge(PointRun& older, const PointRun& newer) {
   const int64_t kept = newer.first_frame - older.first_frame;
-  if (kept < 0 || kept > Length(older)) return false;
+  if (kept < 0) return Prepend(older, newer);
+  if (kept > Length(older)) return false;
   const int64_t finals = kept <= older.final_count ? kept + newer.final_count : older.final_count;
   if (kept <= older.final_count ? finals < older.final_count : newer.final_count > 0) return false;
   Overwrite(older.x, newer.x, kept);
@@ -47,6 +66,7 @@ std::vector<T> TakeFirst(std::vector<T>& from, int64_t count) {
 
 void Outbox::Add(TrackUpdate update) {
   for (PointRun& run : update.runs) AddRun(std::move(run));
+  for (const FrameTime& time : update.capture_times) capture_times_.emplace(time.frame, time.capture_time);
   frames_received_ = std::max(frames_received_, update.frames_received);
   frames_processed_ = std::max(frames_processed_, update.frames_processed);
   watermark_changed_ = frames_received_ != sent_received_ || frames_processed_ != sent_processed_;
@@ -77,6 +97,8 @@ TrackUpdate Outbox::Take(int64_t max_bytes) {
   if (update.runs.empty() && !runs_.empty()) {
     update.runs.push_back(SplitFront(std::max<int64_t>(1, (max_bytes - kRunBytes) / kSampleBytes)));
   }
+  AddCaptureTimes(update);
+  DropCaptureTimes();
   if (runs_.empty()) {
     sent_received_ = frames_received_;
     sent_processed_ = frames_processed_;
@@ -85,6 +107,26 @@ TrackUpdate Outbox::Take(int64_t max_bytes) {
   update.frames_received = sent_received_;
   update.frames_processed = sent_processed_;
   return update;
+}
+
+// Of the frames of its runs.
+void Outbox::AddCaptureTimes(TrackUpdate& update) {
+  if (capture_times_.empty()) return;
+  std::set<int64_t> frames;
+  for (const PointRun& run : update.runs) {
+    for (int64_t i = 0; i < Length(run); ++i) frames.insert(run.first_frame + i);
+  }
+  for (const int64_t frame : frames) {
+    const auto found = capture_times_.find(frame);
+    if (found != capture_times_.end()) update.capture_times.push_back({frame, found->second});
+  }
+}
+
+// Of frames whose results do not wait any more.
+void Outbox::DropCaptureTimes() {
+  int64_t oldest = std::numeric_limits<int64_t>::max();
+  for (const PointRun& run : runs_) oldest = std::min(oldest, run.first_frame);
+  capture_times_.erase(capture_times_.begin(), capture_times_.lower_bound(oldest));
 }
 
 PointRun Outbox::TakeFront() {

@@ -3,8 +3,10 @@
 
 #include <cstdint>
 #include <list>
+#include <map>
 
 #include "absl/container/flat_hash_map.h"
+#include "absl/time/time.h"
 #include "proto/types.h"
 
 namespace holdfast {
@@ -25,6 +27,8 @@ class Outbox {
   void AddRun(PointRun run);
   PointRun TakeFront();
   PointRun SplitFront(int64_t frames);
+  void AddCaptureTimes(TrackUpdate& update);
+  void DropCaptureTimes();
 
   std::list<PointRun> runs_;                                            // in the order they have to be sent
   absl::flat_hash_map<PointId, std::list<PointRun>::iterator> newest_;  // of each point in runs_
@@ -33,6 +37,7 @@ class Outbox {
   int64_t frames_processed_ = 0;
   int64_t sent_received_ = 0;
   int64_t sent_processed_ = 0;
+  std::map<int64_t, absl::Time> capture_times_;  // of frames whose results wait
   bool watermark_changed_ = false;
 };
 

@@ -41,6 +41,8 @@ TEST_F(FlagsTest, DefaultsAreValid) {
   EXPECT_EQ(options->engine.processing_size, (ImageSize{512, 384}));
   EXPECT_EQ(options->engine.limits.max_frame_pixels, 3840 * 2160);
   EXPECT_EQ(options->engine.cache_budget_bytes, int64_t{4} << 30);
+  EXPECT_TRUE(options->engine.motion_prior);
+  EXPECT_TRUE(options->engine.polish);
 }
 
 TEST_F(FlagsTest, WhatIsNotGivenIsAsTheOptionsHaveIt) {
@@ -67,11 +69,15 @@ TEST_F(FlagsTest, EveryKindOfFlagComesFromTheEnvironmentToo) {
                                     {"HOLDFAST_CACHE_MIB", "10000"},
                                     {"HOLDFAST_PROCESSING_SIZE", "640x480"},
                                     {"HOLDFAST_PRECISION", "bfloat16"},
+                                    {"HOLDFAST_MOTION_PRIOR", "false"},
+                                    {"HOLDFAST_POLISH", "false"},
                                     {"HOLDFAST_IDLE_TIMEOUT", "90s"},
                                     {"HOLDFAST_MAX_CONNECTION_AGE", "1h"},
                                     {"HOLDFAST_LOG_FORMAT", "json"}});
   ASSERT_THAT(options, IsOk());
   EXPECT_EQ(options->listen, "0.0.0.0:1");
+  EXPECT_FALSE(options->engine.motion_prior);
+  EXPECT_FALSE(options->engine.polish);
   EXPECT_EQ(options->engine.max_sessions, 3);
   EXPECT_EQ(options->engine.limits.max_frame_bytes, 2 << 20);
   EXPECT_EQ(options->engine.limits.max_frame_pixels, 500'000);

@@ -60,6 +60,33 @@ TEST(OutboxTest, RunsThatDoNotFitTogetherKeepTheirOrder) {
   EXPECT_THAT(starts, ElementsAre(0, 5, 7, 2));
 }
 
+TEST(OutboxTest, AWindowThatRevisesInstantEstimatesJoinsThem) {
+  Outbox outbox;
+  outbox.Add(Update({MakeRun(1, 20, {1, 2, 3, 4}, 0)}));     // instant ones of frames 20 .. 23
+  outbox.Add(Update({MakeRun(1, 17, {5, 6, 7, 8, 9}, 2)}));  // a window up to frame 21
+  const TrackUpdate update = outbox.Take(kNoLimit);
+  ASSERT_THAT(update.runs, SizeIs(1));
+  EXPECT_EQ(update.runs[0].first_frame, 17);
+  EXPECT_THAT(update.runs[0].x, ElementsAre(5, 6, 7, 8, 9, 3, 4));
+  EXPECT_EQ(update.runs[0].final_count, 2);
+  EXPECT_EQ(outbox.bytes(), 0);
+}
+
+TEST(OutboxTest, CaptureTimesComeWithTheResultsOfTheirFrames) {
+  Outbox outbox;
+  TrackUpdate update = Update({MakeRun(1, 4, {1, 2}, 2), MakeRun(2, 5, {3}, 0)});
+  update.capture_times = {{4, absl::FromUnixSeconds(40)}, {5, absl::FromUnixSeconds(50)}};
+  outbox.Add(update);
+  const TrackUpdate first = outbox.Take(80);  // one run
+  ASSERT_THAT(first.runs, SizeIs(1));
+  ASSERT_THAT(first.capture_times, SizeIs(2));
+  EXPECT_EQ(first.capture_times[1].frame, 5);
+  EXPECT_EQ(first.capture_times[1].capture_time, absl::FromUnixSeconds(50));
+  const TrackUpdate second = outbox.Take(80);
+  ASSERT_THAT(second.capture_times, SizeIs(1)) << "the frame's other result";
+  EXPECT_EQ(second.capture_times[0].frame, 5);
+}
+
 TEST(OutboxTest, ProvisionalUpdatesOfTheSameFramesDoNotAddUp) {
   Outbox outbox;
   outbox.Add(Update({MakeRun(1, 0, std::vector<float>(24, 1), 0)}));
