@@ -29,6 +29,8 @@ ABSL_FLAG(int, jpeg_quality, 92, "of the frames that are sent, 1..100");
 ABSL_FLAG(std::string, processing_size, "", "WIDTHxHEIGHT the server tracks at, multiples of 32; empty: its default");
 ABSL_FLAG(int, hop, 0, "new frames between windows; 0: the server's default");
 ABSL_FLAG(int, iterations, 0, "refinement iterations of a window; 0: the server's default");
+ABSL_FLAG(bool, live, false,
+          "have every frame answered at once with what optical flow says, and show that in --overlay and --still");
 ABSL_FLAG(bool, json, false, "print the server's answer as JSON");
 
 namespace holdfast {
@@ -54,14 +56,14 @@ Example: holdfast track walk.mp4 --grid=100 --out=tracks.json --overlay=overlay.
 )";
 
 std::string Help() {
-  return absl::StrCat(kUsageText, "\nServer (track and info):\n", DescribeFlags({"server", "connect_timeout"}),
-                      "\nPoints (track; at least one of points, grid and mask):\n",
-                      DescribeFlags({"points", "grid", "mask", "query_frame"}),
-                      "\nResults (track; at least one of out, overlay and still):\n",
-                      DescribeFlags({"out", "overlay", "still", "still_frame", "trail_frames"}),
-                      "\nTracking (track):\n",
-                      DescribeFlags({"max_frames", "max_side", "jpeg_quality", "processing_size", "hop", "iterations"}),
-                      "\nInfo:\n", DescribeFlags({"json"}));
+  return absl::StrCat(
+      kUsageText, "\nServer (track and info):\n", DescribeFlags({"server", "connect_timeout"}),
+      "\nPoints (track; at least one of points, grid and mask):\n",
+      DescribeFlags({"points", "grid", "mask", "query_frame"}),
+      "\nResults (track; at least one of out, overlay and still):\n",
+      DescribeFlags({"out", "overlay", "still", "still_frame", "trail_frames"}), "\nTracking (track):\n",
+      DescribeFlags({"max_frames", "max_side", "jpeg_quality", "processing_size", "hop", "iterations", "live"}),
+      "\nInfo:\n", DescribeFlags({"json"}));
 }
 
 absl::StatusOr<ImageSize> ParseSize(const std::string& text) {
@@ -90,6 +92,7 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
   options.processing_size = *processing_size;
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
+  options.live = absl::GetFlag(FLAGS_live);
   if (absl::Status status = options.Validate(); !status.ok()) return status;
   return options;
 }

@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
+#include "client/answer_times.h"
 #include "client/atomic_file.h"
 #include "client/frame_reader.h"
 #include "client/progress.h"
@@ -42,6 +43,7 @@ class TrackRun final : public TrackObserver {
         total_frames_(TotalFrames(options, *source)),
         reader_(std::move(source)),
         overlay_(options.overlay, facts_),
+        answers_([] { return SystemClock().SteadyNow(); }),
         table_(points),
         progress_({environment.terminal, total_frames_, [] { return SystemClock().SteadyNow(); }}, environment.log) {
     for (const StartPoint& point : points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
@@ -69,7 +71,9 @@ class TrackRun final : public TrackObserver {
     }
     if (broken_.ok()) broken_ = table_.Apply(update);
     processed_ = std::max(processed_, update.frames_processed);
-    progress_.Update(processed_, sent_ - processed_);
+    const int64_t answered = answers_.Answered(update);
+    const int64_t done = options_.live ? answered : processed_;
+    progress_.Update(done, sent_ - done);
   }
 
   void OnWarning(const absl::Status& warning) override {
@@ -102,6 +106,7 @@ class TrackRun final : public TrackObserver {
     config.hop_frames = options_.hop_frames;
     config.iterations = options_.iterations;
     config.send_provisional = true;  // kept where the session ends before they are final
+    config.emit = options_.live ? Emit::kEveryFrame : Emit::kWindows;
     config.points = PointsOf(0);
     config.label = "holdfast track";
     return config;
@@ -119,6 +124,7 @@ class TrackRun final : public TrackObserver {
       if (absl::IsCancelled(frame.status())) break;  // the session is over, Finish knows why
       if (!frame.ok()) input_error_ = frame.status();
       if (!frame.ok() || frame->bytes.empty()) break;
+      answers_.Sent();
       absl::Status status = stream.PushFrame(*std::move(frame));
       if (status.ok()) status = AfterFrame();
       if (!status.ok()) return status;
@@ -144,8 +150,11 @@ class TrackRun final : public TrackObserver {
 
   absl::Status AfterFrame() {
     absl::MutexLock lock(&mutex_);
-    progress_.Update(processed_, ++sent_ - processed_);
-    return broken_.ok() ? overlay_.Paint(table_, table_.final_frames()) : broken_;
+    ++sent_;
+    const int64_t done = options_.live ? answers_.answered() : processed_;
+    progress_.Update(done, sent_ - done);
+    return broken_.ok() ? overlay_.Paint(table_, options_.live ? table_.answered_frames() : table_.final_frames())
+                        : broken_;
   }
 
   // REQUIRES: the session ended well.
@@ -195,6 +204,7 @@ class TrackRun final : public TrackObserver {
     }
     WarnOfLatePoints();
     environment_.log << absl::StrFormat("%d points, final on all %d frames\n", table_.tracks().size(), extent.frames);
+    if (options_.live) environment_.log << answers_.Summary();
     for (const std::string& path : files) environment_.log << "wrote " << path << "\n";
   }
 
@@ -213,7 +223,8 @@ class TrackRun final : public TrackObserver {
   FrameReader reader_;
   std::map<int64_t, std::vector<PointQuery>> starts_;  // by frame, pixels of the sent frames
   OverlayVideo overlay_;                               // of the main thread
-  absl::Status input_error_;                           // of the main thread
+  AnswerTimes answers_;
+  absl::Status input_error_;  // of the main thread
 
   absl::Mutex mutex_;
   TrackTable table_ ABSL_GUARDED_BY(mutex_);

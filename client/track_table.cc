@@ -46,6 +46,7 @@ absl::Status TrackTable::ApplyRun(const PointRun& run) {
   }
   const auto end = static_cast<int64_t>(track.samples.size());
   while (track.final_frames < end && track.samples[track.final_frames].is_final()) ++track.final_frames;
+  while (track.answered_frames < end && !track.samples[track.answered_frames].is_absent()) ++track.answered_frames;
   return absl::OkStatus();
 }
 
@@ -62,6 +63,12 @@ int64_t TrackTable::estimated_frames() const {
       frames = std::max(frames, track.start.frame + static_cast<int64_t>(track.samples.size()));
     }
   }
+  return frames;
+}
+
+int64_t TrackTable::answered_frames() const {
+  int64_t frames = frames_;
+  for (const TableTrack& track : tracks_) frames = std::min(frames, track.start.frame + track.answered_frames);
   return frames;
 }
 

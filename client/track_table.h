@@ -28,7 +28,8 @@ struct TrackSample {
 struct TableTrack {
   StartPoint start;
   std::vector<TrackSample> samples;
-  int64_t final_frames = 0;  // the first so many samples are final
+  int64_t final_frames = 0;     // the first so many samples are final
+  int64_t answered_frames = 0;  // the first so many samples are there
 };
 
 // Joins the runs of a session into one track per point. A provisional estimate never replaces a final one. Not
@@ -46,6 +47,8 @@ class TrackTable {
   int64_t final_frames() const;
   // Frames up to the last one of which there is an estimate, final or provisional; 0: there is none.
   int64_t estimated_frames() const;
+  // Every point that lives has an estimate on frames 0 .. answered_frames() - 1.
+  int64_t answered_frames() const;
   // Null where the point has no estimate.
   static const TrackSample* Estimate(const TableTrack& track, int64_t frame);
 

@@ -74,6 +74,17 @@ TEST(TrackTableTest, APointThatNeverStartsDoesNotHoldTheOthersBack) {
   EXPECT_TRUE(table.tracks()[1].samples.empty());
 }
 
+TEST(TrackTableTest, KnowsHowFarThereAreEstimatesFinalOrNot) {
+  TrackTable table({Start(1, 0), Start(2, 1)});
+  ASSERT_THAT(table.Apply(Update(4, {RunOf(1, 0, {0, 1, 2, 3}, 1), RunOf(2, 1, {5}, 0)})), IsOk());
+  EXPECT_EQ(table.answered_frames(), 2);
+  EXPECT_EQ(table.final_frames(), 1);
+  ASSERT_THAT(table.Apply(Update(4, {RunOf(2, 3, {7}, 0)})), IsOk());
+  EXPECT_EQ(table.answered_frames(), 2) << "frame 2 of the second point is missing";
+  ASSERT_THAT(table.Apply(Update(4, {RunOf(2, 2, {6}, 0)})), IsOk());
+  EXPECT_EQ(table.answered_frames(), 4);
+}
+
 TEST(TrackTableTest, AnUpdateWithoutRunsMovesTheWatermark) {
   TrackTable table({Start(1, 9)});
   ASSERT_THAT(table.Apply(Update(4, {})), IsOk());

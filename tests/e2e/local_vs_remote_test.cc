@@ -62,6 +62,7 @@ class Collector final : public TrackObserver {
  public:
   void OnTracks(TrackUpdate update) override {
     for (const PointRun& run : update.runs) {
+      samples_ += static_cast<int64_t>(run.x.size());
       for (int64_t i = 0; i < run.final_count; ++i) {
         final_[{run.id, run.first_frame + i}] = {run.x[i], run.y[i], run.confidence[i], run.visible[i] != 0};
       }
@@ -70,14 +71,17 @@ class Collector final : public TrackObserver {
   void OnDone(const absl::Status&, const SessionSummary& summary) override { summary_ = summary; }
 
   std::map<std::pair<PointId, int64_t>, Estimate> final_;
+  int64_t samples_ = 0;  // provisional ones too
   SessionSummary summary_;
 };
 
 // Points from the start, on a frame, between frames, and one that is removed.
-absl::Status TrackClip(PointTracker& tracker, const std::vector<std::string>& clip, Collector& collector) {
+absl::Status TrackClip(PointTracker& tracker, const std::vector<std::string>& clip, Collector& collector,
+                       Emit emit = Emit::kWindows) {
   SessionConfig config;
   config.encoding = FrameEncoding::kBgr24;
   config.raw_size = kSize;
+  config.emit = emit;
   config.points = {{1, 88, 80}, {2, 170, 62}, {kRemoved, 220, 90}};
   auto stream = tracker.Open(config, collector);
   if (!stream.ok()) return stream.status();
@@ -144,10 +148,23 @@ TEST(LocalVsRemoteTest, BothGiveTheSameTracks) {
   EXPECT_EQ(over_the_wire.summary_.frames, kFrames);
   EXPECT_EQ(over_the_wire.summary_.points, 6);
 
+  Collector every_frame;
+  ASSERT_THAT(TrackClip(**remote, clip, every_frame, Emit::kEveryFrame), IsOk());
+  for (const auto& [key, there] : over_the_wire.final_) {
+    if (key.first == kRemoved) continue;
+    const auto found = every_frame.final_.find(key);
+    ASSERT_NE(found, every_frame.final_.end());
+    EXPECT_NEAR(found->second.x, there.x, 1e-3f);
+    EXPECT_NEAR(found->second.y, there.y, 1e-3f);
+  }
+  EXPECT_GT(every_frame.samples_, over_the_wire.samples_) << "instant estimates came besides";
+
   const auto info = (*remote)->Info();
   ASSERT_THAT(info, IsOk());
   EXPECT_EQ(info->weights_sha256, local.Info()->weights_sha256);
   EXPECT_EQ(info->precision, "float32");
+  EXPECT_TRUE(info->default_motion_prior);
+  EXPECT_TRUE(info->default_polish);
 }
 
 }  // namespace
