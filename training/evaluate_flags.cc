@@ -25,6 +25,8 @@ ABSL_FLAG(int, iterations, 0, "refinement iterations of a window; 0: the engine'
 ABSL_FLAG(int, hop, 0, "new frames between windows; 0: the engine's default, 23 with --chaining=published");
 ABSL_FLAG(std::string, chaining, "standard",
           "standard, or published: windows carry their templates over as the published script does");
+ABSL_FLAG(bool, motion_prior, true, "windows start from where optical flow leads; not with --chaining=published");
+ABSL_FLAG(bool, polish, true, "final positions are moved to where the picture says; not with --chaining=published");
 ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
 ABSL_FLAG(std::string, device, "cpu", "as LibTorch names it: cpu, cuda, cuda:1");
 ABSL_FLAG(int, threads, 0, "threads of one tensor operation; 0: all cores");
@@ -75,6 +77,8 @@ absl::Status FillEngine(bool suite, EngineOptions& engine) {
   engine.compute_threads = absl::GetFlag(FLAGS_threads);
   engine.chaining = *chaining;
   engine.precision = *precision;
+  engine.motion_prior = absl::GetFlag(FLAGS_motion_prior);
+  engine.polish = absl::GetFlag(FLAGS_polish);
   if (*chaining == Chaining::kPublished) engine.hop_frames = 23;
   if (absl::GetFlag(FLAGS_hop) != 0) engine.hop_frames = absl::GetFlag(FLAGS_hop);
   if (suite) engine.iterations = 16;

@@ -18,6 +18,7 @@ std::string NetworkName(const TrackerInfo& info, Chaining chaining) {
   return absl::StrCat("holdfast ", info.model_name, " (preset ", info.preset, ", weights ",
                       info.weights_sha256.substr(0, 12), ", ", info.default_iterations, " iterations, hop ",
                       info.default_hop_frames, chaining == Chaining::kPublished ? ", published chaining, " : ", ",
+                      info.default_motion_prior ? "motion prior, " : "", info.default_polish ? "polish, " : "",
                       info.precision, " on ", info.device, ")");
 }
 

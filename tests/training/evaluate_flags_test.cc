@@ -32,9 +32,18 @@ TEST_F(EvaluateFlagsTest, DefaultsFollowTheEngine) {
   EXPECT_EQ(request->methods.engine.weights_path, "w.safetensors");
   EXPECT_EQ(request->methods.engine.iterations, EngineOptions().iterations);
   EXPECT_EQ(request->methods.engine.hop_frames, EngineOptions().hop_frames);
+  EXPECT_TRUE(request->methods.engine.motion_prior);
+  EXPECT_TRUE(request->methods.engine.polish);
   EXPECT_FALSE(request->methods.lucas_kanade);
   EXPECT_TRUE(request->processing_size.empty());
   EXPECT_THAT(request->methods.engine.Validate(), IsOk());
+}
+
+TEST_F(EvaluateFlagsTest, OpticalFlowCanBeSwitchedOff) {
+  const auto request = Request({"--weights=w", "--motion_prior=false", "--polish=false"});
+  ASSERT_THAT(request, IsOk());
+  EXPECT_FALSE(request->methods.engine.motion_prior);
+  EXPECT_FALSE(request->methods.engine.polish);
 }
 
 TEST_F(EvaluateFlagsTest, PublishedChainingHopsAWholeWindow) {
