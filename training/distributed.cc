@@ -36,8 +36,9 @@ class SingleProcess : public ProcessGroup {
 
 class C10dGroup : public ProcessGroup {
  public:
-  C10dGroup(const GroupOptions& options, c10::intrusive_ptr<Collectives> collectives)
-      : options_(options), collectives_(std::move(collectives)) {}
+  // 'through_host': the collectives take tensors in the host's memory only.
+  C10dGroup(const GroupOptions& options, bool through_host, c10::intrusive_ptr<Collectives> collectives)
+      : options_(options), through_host_(through_host), collectives_(std::move(collectives)) {}
 
   int64_t rank() const override { return options_.rank; }
   int64_t world() const override { return options_.world; }
@@ -53,8 +54,9 @@ class C10dGroup : public ProcessGroup {
   template <typename Start>
   absl::Status Exchange(Start start, torch::Tensor& tensor) {
     try {
-      std::vector<at::Tensor> tensors = {tensor};
+      std::vector<at::Tensor> tensors = {through_host_ ? tensor.cpu() : tensor};
       start(tensors)->wait();
+      if (!tensors[0].is_same(tensor)) tensor.copy_(tensors[0]);
       return absl::OkStatus();
     } catch (const std::exception& e) {
       return absl::UnavailableError(absl::StrCat("rank ", options_.rank, " of ", options_.world,
@@ -63,6 +65,7 @@ class C10dGroup : public ProcessGroup {
   }
 
   const GroupOptions options_;
+  const bool through_host_;
   const c10::intrusive_ptr<Collectives> collectives_;
 };
 
@@ -78,17 +81,24 @@ c10::intrusive_ptr<c10d::Store> OpenStore(const GroupOptions& options, std::chro
   return c10::make_intrusive<c10d::TCPStore>(options.address, store);
 }
 
-c10::intrusive_ptr<Collectives> OpenCollectives(const GroupOptions& options, torch::DeviceType device) {
+c10::intrusive_ptr<Collectives> OpenGloo(const GroupOptions& options) {
   const std::chrono::milliseconds timeout = absl::ToChronoMilliseconds(options.timeout);
-  const c10::intrusive_ptr<c10d::Store> store = OpenStore(options, timeout);
-  const int rank = static_cast<int>(options.rank), world = static_cast<int>(options.world);
-#ifdef USE_C10D_NCCL
-  if (device == torch::kCUDA) return c10::make_intrusive<c10d::ProcessGroupNCCL>(store, rank, world);
-#endif
-  TORCH_CHECK(device == torch::kCPU, "this build exchanges gradients on the CPU only");
   auto gloo = c10d::ProcessGroupGloo::Options::create(timeout);
   gloo->devices.push_back(c10d::ProcessGroupGloo::createDefaultDevice());
-  return c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, world, gloo);
+  return c10::make_intrusive<c10d::ProcessGroupGloo>(OpenStore(options, timeout), static_cast<int>(options.rank),
+                                                     static_cast<int>(options.world), gloo);
+}
+
+std::unique_ptr<ProcessGroup> OpenGroup(const GroupOptions& options, torch::DeviceType device) {
+#ifdef USE_C10D_NCCL
+  if (device == torch::kCUDA) {
+    auto store = OpenStore(options, absl::ToChronoMilliseconds(options.timeout));
+    return std::make_unique<C10dGroup>(options, false,
+                                       c10::make_intrusive<c10d::ProcessGroupNCCL>(
+                                           store, static_cast<int>(options.rank), static_cast<int>(options.world)));
+  }
+#endif
+  return std::make_unique<C10dGroup>(options, device != torch::kCPU, OpenGloo(options));
 }
 
 // The number in variable 'name', or 'fallback' without it.
@@ -129,7 +139,7 @@ absl::StatusOr<std::unique_ptr<ProcessGroup>> ProcessGroup::Join(const GroupOpti
   if (const absl::Status status = options.Validate(); !status.ok()) return status;
   if (options.world == 1) return std::make_unique<SingleProcess>();
   try {
-    return std::make_unique<C10dGroup>(options, OpenCollectives(options, device));
+    return OpenGroup(options, device);
   } catch (const std::exception& e) {
     return absl::UnavailableError(absl::StrCat("rank ", options.rank, " of ", options.world, " could not join at ",
                                                options.address, ":", options.port, ": ", FirstLine(e)));

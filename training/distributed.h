@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Data-parallel training: several processes that add up their gradients, by LibTorch's own c10d (Gloo; NCCL where it is
-// built with CUDA).
+// Data-parallel training: several processes that add up their gradients, by LibTorch's own c10d: NCCL between
+// GPUs where it is built in, else Gloo, through the host's memory.
 #pragma once
 
 #include <torch/types.h>
