@@ -28,6 +28,7 @@ Recipe SmallRecipe() {
   recipe.loss.matching_weight = 5;
   recipe.matching_until = 0.5;
   recipe.streaming_windows = 0.25;
+  recipe.chain_start = 0.75;
   recipe.motion_ramp_clips = 400;
   recipe.phases = {{0.7, 192, 256, 64, 3}, {1.0, 256, 320, 64, 4}};
   return recipe;
@@ -41,6 +42,7 @@ Recipe TestRecipe() {
   recipe.average_decay = 0.9;
   recipe.loss.matching_weight = 1;
   recipe.streaming_windows = 0.25;
+  recipe.chain_start = 0.75;
   recipe.phases = {{1.0, 48, 64, 8, 2}};
   return recipe;
 }
@@ -75,6 +77,7 @@ absl::Status Recipe::Validate() const {
   if (!(matching_until > 0 && matching_until <= 1)) return Invalid("the end of the matching loss must be in (0, 1]");
   if (!IsShare(noisy_start)) return Invalid("the share of noisy starts must be in [0, 1]");
   if (!IsShare(streaming_windows)) return Invalid("the share of streaming windows must be in [0, 1]");
+  if (!IsShare(chain_start)) return Invalid("the share of chained starts must be in [0, 1]");
   if (motion_ramp_clips < 0) return Invalid("the motion ramp must be 0 clips or more");
   if (const absl::Status status = schedule.Validate(); !status.ok()) return status;
   if (const absl::Status status = loss.Validate(); !status.ok()) return status;
@@ -114,7 +117,7 @@ std::string Describe(const Recipe& r) {
                   " alpha=", r.loss.alpha, " visibility_loss=", r.loss.visibility_weight,
                   " matching_loss=", r.loss.matching_weight, " matching_until=", r.matching_until,
                   " noisy_start=", r.noisy_start, " streaming_windows=", r.streaming_windows,
-                  " motion_ramp_clips=", r.motion_ramp_clips);
+                  " chain_start=", r.chain_start, " motion_ramp_clips=", r.motion_ramp_clips);
   for (const Phase& phase : r.phases) {
     absl::StrAppend(&text, " phase=", phase.until, ":", phase.width, "x", phase.height, ":", phase.points, ":",
                     phase.iterations);

@@ -38,6 +38,7 @@ struct Recipe {
   double matching_until = 1;      // the matching loss fades out linearly until this share of the training
   double noisy_start = 0.5;       // probability of a start between noise and truth instead of zero velocity
   double streaming_windows = 0;   // probability of a window as the engine has them: a repeated tail or a continuation
+  double chain_start = 0;         // probability that a start goes on by optical flow instead of standing still
   int64_t motion_ramp_clips = 0;  // synthetic clips until motion has its full strength; 0: from the first
   std::vector<Phase> phases = std::vector<Phase>(1);
 

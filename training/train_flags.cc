@@ -37,6 +37,8 @@ ABSL_FLAG(std::optional<double>, matching_loss, std::nullopt, "weight of the mat
 ABSL_FLAG(std::optional<double>, matching_until, std::nullopt, "share of the training in which it fades out");
 ABSL_FLAG(std::optional<double>, noisy_start, std::nullopt, "probability of a start between noise and truth");
 ABSL_FLAG(std::optional<double>, streaming_windows, std::nullopt, "probability of a window as the engine has them");
+ABSL_FLAG(std::optional<double>, chain_start, std::nullopt,
+          "probability that a start goes on by a chain of optical flow instead of standing still");
 ABSL_FLAG(std::optional<int64_t>, motion_ramp_clips, std::nullopt, "synthetic clips until full motion");
 ABSL_FLAG(std::string, phases, "", "until:WIDTHxHEIGHT:points:iterations,... e.g. 0.7:256x192:64:3,1:320x256:64:4");
 
@@ -116,6 +118,7 @@ absl::StatusOr<Recipe> RecipeFromFlags() {
   Override(absl::GetFlag(FLAGS_matching_until), recipe->matching_until);
   Override(absl::GetFlag(FLAGS_noisy_start), recipe->noisy_start);
   Override(absl::GetFlag(FLAGS_streaming_windows), recipe->streaming_windows);
+  Override(absl::GetFlag(FLAGS_chain_start), recipe->chain_start);
   Override(absl::GetFlag(FLAGS_motion_ramp_clips), recipe->motion_ramp_clips);
   if (absl::GetFlag(FLAGS_phases).empty()) return recipe;
   absl::StatusOr<std::vector<Phase>> phases = ParsePhases(absl::GetFlag(FLAGS_phases));

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
+#include <cmath>
+
 namespace holdfast {
 namespace {
 
@@ -71,6 +73,51 @@ TEST(WindowPlanTest, AContinuationKnowsTheFirstFramesAndRepeatsTheLastOfThem) {
   const torch::Tensor start = ContinuedStart(targets, 4, rng);
   EXPECT_LT((start - targets.tracks).narrow(1, 0, 4).abs().max().item<float>(), 6);
   for (int64_t t = 4; t < 8; ++t) EXPECT_TRUE(torch::equal(start.select(1, t), start.select(1, 3)));
+}
+
+TEST(WindowPlanTest, AChainGoesOnFromWhatIsKnownAndFollowsTheTruthUntilItFails) {
+  const ClipTargets targets = Moving(400, 24);
+  Rng rng(6);
+  const torch::Tensor start = ZeroVelocity(targets.tracks);
+  const torch::Tensor chain = ChainedStart(start, targets, 1, 256, rng);
+  EXPECT_TRUE(torch::equal(Queries(chain), Queries(targets.tracks)));
+  const torch::Tensor error = (chain - targets.tracks).norm(2, -1);  // [400, 24]
+  const float followed = (error.select(1, 23) < 8).to(torch::kFloat32).mean().item<float>();
+  EXPECT_NEAR(followed, std::pow(0.98, 23), 0.12);  // some of those that failed come by again
+  EXPECT_GT(error.select(1, 23).max().item<float>(), 30);
+  EXPECT_LT(error.select(1, 1).median().item<float>(), 1);
+}
+
+TEST(WindowPlanTest, AChainIsLostWhereThePointIsHidden) {
+  ClipTargets targets = Moving(400, 24);
+  targets.visible.narrow(1, 4, 12).fill_(false);
+  Rng rng(7);
+  const torch::Tensor chain = ChainedStart(ZeroVelocity(targets.tracks), targets, 1, 256, rng);
+  const torch::Tensor error = (chain - targets.tracks).norm(2, -1);
+  EXPECT_LT((error.select(1, 23) < 3).to(torch::kFloat32).mean().item<float>(), 0.1);
+}
+
+TEST(WindowPlanTest, AChainKeepsWhatIsKnownAndDoesNotFollowLabelsThatAreNotValid) {
+  ClipTargets targets = Moving(4, 8);
+  targets.tracks.narrow(1, 5, 3).fill_(1e9);
+  targets.valid.narrow(1, 5, 3).fill_(false);
+  Rng rng(8);
+  const torch::Tensor known = ContinuedStart(targets, 4, rng);
+  const torch::Tensor chain = ChainedStart(known, targets, 4, 64, rng);
+  EXPECT_TRUE(torch::equal(chain.narrow(1, 0, 4), known.narrow(1, 0, 4)));
+  EXPECT_LT(chain.abs().max().item<float>(), 1e4);
+  EXPECT_TRUE(torch::equal(ChainedStart(known, targets, 8, 64, rng), known));
+}
+
+TEST(WindowPlanTest, ARepeatedTailHasAStartThatRepeatsToo) {
+  const ClipTargets targets = Moving(3, 8);
+  Rng rng(9);
+  for (int i = 0; i < 50; ++i) {
+    const ClipWindowPlan plan = PlanWindow(targets, 64, {0, 1, 1}, rng);
+    for (int64_t t = plan.distinct_frames; t < 8; ++t) {
+      EXPECT_TRUE(torch::equal(plan.start.select(1, t), plan.start.select(1, plan.distinct_frames - 1)));
+    }
+  }
 }
 
 TEST(WindowPlanTest, ARepeatedTailRepeatsItsLabelsAndMasks) {
