@@ -19,6 +19,16 @@ Curve Curve::Wander(Rng& rng, double max_amplitude, double duration) {
   return Random(rng, 1 + turns * static_cast<int>(std::ceil(duration / kUsualDuration)), amplitude, duration);
 }
 
+Curve Curve::Swing(double middle, double amplitude, double period, double phase, double duration) {
+  constexpr double kTurn = 6.283185307179586;  // radians
+  std::vector<double> values(static_cast<size_t>(std::ceil(duration)) + 1);
+  const double step = duration / static_cast<double>(values.size() - 1);
+  for (size_t i = 0; i < values.size(); ++i) {
+    values[i] = middle + amplitude * std::sin(kTurn * step * static_cast<double>(i) / period + phase);
+  }
+  return Curve(std::move(values), duration);
+}
+
 double Curve::Knot(int index) const {
   const int last = static_cast<int>(knots_.size()) - 1;
   if (index < 0) return 2 * knots_.front() - knots_[1];

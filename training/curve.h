@@ -20,6 +20,9 @@ class Curve {
   // As Random with a few turns; an amplitude of up to the given one, smaller the more it turns.
   static Curve Wander(Rng& rng, double max_amplitude, double duration);
 
+  // Swings about 'middle' as a sine does, with a knot every frame. The period is in frames, the phase in radians.
+  static Curve Swing(double middle, double amplitude, double period, double phase, double duration);
+
   double At(double time) const;
 
  private:

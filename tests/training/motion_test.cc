@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 
 #include "training/curve.h"
 
@@ -77,6 +78,45 @@ TEST(MotionTest, AMotionWithoutCurvesIsAShiftToItsHome) {
   Motion motion;
   motion.home = {3, -4};
   EXPECT_EQ(cv::norm(motion.At(7) - cv::Matx33d(1, 0, 3, 0, 1, -4, 0, 0, 1)), 0);
+}
+
+TEST(MotionTest, ThePivotComesToTheHomeHoweverTheMotionTurnsAndScales) {
+  Motion motion;
+  motion.home = {30, 20};
+  motion.pivot = {-7, 2};
+  motion.angle = Curve({0, 2}, 10);
+  motion.log_scale = Curve({0, 1}, 10);
+  const PlaneMap map(motion.At(6), ElasticWaves(), 6);
+  EXPECT_LT(cv::norm(map.ImageFromPlane(motion.pivot) - motion.home), 1e-9);
+}
+
+TEST(MotionTest, AChildIsCarriedByItsParent) {
+  Motion parent, child;
+  parent.home = {10, 0};
+  parent.angle = Curve({0, 1.5}, 10);
+  child.home = {5, 0};
+  child.angle = Curve({0, -0.5}, 10);
+  const cv::Matx33d alone = child.At(4);
+  child.parent = std::make_shared<const Motion>(parent);
+  EXPECT_LT(cv::norm(child.At(4) - parent.At(4) * alone), 1e-12);
+}
+
+TEST(MotionTest, ARestingMotionStandsStillAndMakesUpForIt) {
+  Motion motion, resting;
+  motion.x = resting.x = Curve({0, 30}, 20);
+  resting.rest = {5, 15, 20};
+  EXPECT_EQ(cv::norm(resting.At(5) - resting.At(15)), 0);
+  EXPECT_EQ(cv::norm(resting.At(5) - resting.At(9.5)), 0);
+  EXPECT_DOUBLE_EQ(resting.At(2)(0, 2), motion.At(4)(0, 2));
+  EXPECT_DOUBLE_EQ(resting.At(20)(0, 2), motion.At(20)(0, 2));
+}
+
+TEST(CurveTest, ASwingStaysWithinItsAmplitudeAndComesBackAfterItsPeriod) {
+  const Curve curve = Curve::Swing(1, 0.5, 8, 0.3, 24);
+  for (const double time : {0.0, 3.0, 11.0}) {
+    EXPECT_NEAR(curve.At(time), curve.At(time + 8), 1e-9);
+    EXPECT_LE(std::abs(curve.At(time) - 1), 0.5);
+  }
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/synthetic/motion.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace holdfast {
@@ -15,13 +16,23 @@ cv::Point2d Apply(const cv::Matx33d& h, cv::Point2d p) {
 
 }  // namespace
 
-cv::Matx33d Motion::At(double time, double shift) const {
+double Rest::At(double clock) const {
+  const double length = end - start;
+  if (length <= 0) return clock;
+  const double moved = clock < start ? clock : std::max(start, clock - length);
+  return moved * duration / (duration - length);
+}
+
+cv::Matx33d Motion::At(double clock, double shift) const {
+  const double time = rest.At(clock);
   const double angle_now = angle.At(time), scale = std::exp(log_scale.At(time));
   const double c = scale * std::cos(angle_now), s = scale * std::sin(angle_now), k = shear.At(time);
   const double tx = home.x + shift * (x.At(time) + shake_x.At(time));
   const double ty = home.y + shift * (y.At(time) + shake_y.At(time));
   const cv::Matx33d affine(c, k * c - s, tx, s, k * s + c, ty, 0, 0, 1);
-  return affine * cv::Matx33d(1, 0, 0, 0, 1, 0, perspective_x.At(time), perspective_y.At(time), 1);
+  const cv::Matx33d tilt(1, 0, 0, 0, 1, 0, perspective_x.At(time), perspective_y.At(time), 1);
+  const cv::Matx33d own = affine * tilt * cv::Matx33d(1, 0, -pivot.x, 0, 1, -pivot.y, 0, 0, 1);
+  return parent == nullptr ? own : parent->At(clock) * own;
 }
 
 ElasticWaves ElasticWaves::Random(Rng& rng, double gradient, double size) {

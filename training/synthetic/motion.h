@@ -5,12 +5,23 @@
 
 #include <opencv2/core.hpp>
 
+#include <memory>
 #include <vector>
 
 #include "training/curve.h"
 #include "training/rng.h"
 
 namespace holdfast {
+
+// A stretch of a clip in which a motion stands still. The rest of the clip goes by faster for it, so that the motion
+// starts or stops suddenly and still does all it would have done.
+struct Rest {
+  double start = 0, end = 0;  // frames; equal: no rest
+  double duration = 1;        // of the clip, frames, > end - start
+
+  // How far the motion is at 'clock', in frames of a motion without rest.
+  double At(double clock) const;
+};
 
 // A homography over time: perspective, scale, shear, turn, then shift.
 struct Motion {
@@ -21,9 +32,13 @@ struct Motion {
   Curve shear;
   Curve perspective_x, perspective_y;  // 1 / pixels
   cv::Point2d home;                    // shift when all curves are 0
+  cv::Point2d pivot;                   // the place of the plane that turns and scales leave alone: it comes to 'home'
+  Rest rest;
+  // The motion of the plane that 'home' lies in, as an upper arm's for a forearm. Null: the scene.
+  std::shared_ptr<const Motion> parent;
 
   // 'shift' scales x, y and the shake: the parallax of a camera.
-  cv::Matx33d At(double time, double shift = 1) const;
+  cv::Matx33d At(double clock, double shift = 1) const;
 };
 
 // A sum of plane waves that displace a plane within itself. The bound on the gradients makes it one to one.
