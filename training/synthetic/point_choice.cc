@@ -49,10 +49,11 @@ cv::Point Pick(const std::vector<cv::Point>& pixels, const cv::Mat& frame, Rng& 
   return Contrast(frame, a) >= Contrast(frame, b) ? a : b;
 }
 
-// A place that rounds to the pixel.
+// A place that rounds to the pixel and stays in the frame on its way to the plane of its layer and back.
 cv::Point2d Within(cv::Point pixel, cv::Size size, Rng& rng) {
-  return {std::clamp(pixel.x + rng.Uniform(-0.49, 0.49), 0.0, size.width - 1.0),
-          std::clamp(pixel.y + rng.Uniform(-0.49, 0.49), 0.0, size.height - 1.0)};
+  constexpr double kMargin = 0.02;  // pixels
+  return {std::clamp(pixel.x + rng.Uniform(-0.48, 0.48), kMargin, size.width - 1 - kMargin),
+          std::clamp(pixel.y + rng.Uniform(-0.48, 0.48), kMargin, size.height - 1 - kMargin)};
 }
 
 }  // namespace
