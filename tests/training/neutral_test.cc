@@ -87,7 +87,7 @@ TEST_F(NeutralTest, WhatIsWrittenIsReadBack) {
     EXPECT_EQ(cv::norm(back->masks[i], clip.masks[i], cv::NORM_INF), 0);
     EXPECT_LT(
         cv::norm(back->frames[i], clip.frames[i], cv::NORM_L1) / (3.0 * static_cast<double>(clip.frames[i].total())),
-        12);
+        16);  // noise loses most
     for (int64_t n = 0; n < clip.num_points(); ++n) {
       if (clip.Valid(s, n)) {
         EXPECT_LT(cv::norm(back->Position(s, n) - clip.Position(s, n)), 1e-3);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "training/synthetic/scene_mix.h"
 #include "training/synthetic/texture.h"
 
 namespace holdfast {
@@ -60,14 +61,20 @@ cv::Mat AlphaObject(const cv::Mat& picture, int side, Rng& rng) {
   return object;
 }
 
-cv::Mat CutOut(const cv::Mat& picture, int side, Rng& rng) {
+cv::Size CutOutSize(int side, Rng& rng) {
   const double aspect = std::exp(rng.Uniform(-0.7, 0.7));
-  const cv::Size size(std::max(12, static_cast<int>(side * std::min(1.0, aspect))),
-                      std::max(12, static_cast<int>(side * std::min(1.0, 1 / aspect))));
-  return Premultiplied(RandomPart(picture, size, 2, rng), CutOutMask(size, rng));
+  return {std::max(12, static_cast<int>(side * std::min(1.0, aspect))),
+          std::max(12, static_cast<int>(side * std::min(1.0, 1 / aspect)))};
 }
 
 }  // namespace
+
+// A part of 'picture' in the shape and size of 'mask'.
+cv::Mat LayerTextures::CutOut(const cv::Mat& picture, const cv::Mat& mask) {
+  cv::Mat part = RandomPart(picture, mask.size(), 2, rng_);
+  if (plain_ && rng_.Chance(mix::kPlainObject)) part = Plain(part, rng_);
+  return Premultiplied(part, mask);
+}
 
 void LayerTextures::ShareThis(const cv::Mat& picture) {
   sharing_ = true;
@@ -82,12 +89,31 @@ absl::StatusOr<cv::Mat> LayerTextures::BackgroundPicture() {
   return Rgb(*picture);
 }
 
-absl::StatusOr<cv::Mat> LayerTextures::Background(cv::Size size) {
-  if (!UsePicture(library_ != nullptr && !library_->backgrounds().empty())) return ProceduralTexture(size, rng_);
-  absl::StatusOr<cv::Mat> picture = BackgroundPicture();
-  if (!picture.ok()) return picture;
-  return RandomPart(*picture, size, 3, rng_);
+// A whole picture of the library, or a made-up one of 'size'.
+absl::StatusOr<cv::Mat> LayerTextures::ProceduralOrPicture(cv::Size size) {
+  if (UsePicture(library_ != nullptr && !library_->backgrounds().empty())) return BackgroundPicture();
+  return ProceduralTexture(size, rng_);
 }
+
+absl::StatusOr<cv::Mat> LayerTextures::Background(cv::Size size) {
+  absl::StatusOr<cv::Mat> picture = ProceduralOrPicture(size);
+  if (!picture.ok()) return picture;
+  if (picture->size() != size) picture = RandomPart(*picture, size, 3, rng_);
+  return plain_ ? Plain(*picture, rng_) : *picture;
+}
+
+absl::StatusOr<cv::Mat> LayerTextures::Cover(cv::Size size, double cover) {
+  absl::StatusOr<cv::Mat> picture = Background(size);
+  if (!picture.ok()) return picture;
+  return Premultiplied(*picture, CoverMask(size, cover, rng_));
+}
+
+absl::StatusOr<cv::Mat> LayerTextures::Skin(int side) {
+  if (shared_.channels() == 3) return shared_;
+  return ProceduralOrPicture({side, side});
+}
+
+cv::Mat LayerTextures::Limb(const cv::Mat& skin, cv::Size size) { return CutOut(skin, LimbMask(size)); }
 
 absl::StatusOr<cv::Mat> LayerTextures::Source(int side) {
   const bool objects = library_ != nullptr && !library_->objects().empty();
@@ -95,8 +121,7 @@ absl::StatusOr<cv::Mat> LayerTextures::Source(int side) {
     return library_->Load(
         library_->objects()[static_cast<size_t>(rng_.Below(static_cast<int64_t>(library_->objects().size())))]);
   }
-  if (UsePicture(library_ != nullptr && !library_->backgrounds().empty())) return BackgroundPicture();
-  return ProceduralTexture({side, side}, rng_);
+  return ProceduralOrPicture({side, side});
 }
 
 absl::StatusOr<cv::Mat> LayerTextures::Object(int side) {
@@ -107,7 +132,8 @@ absl::StatusOr<cv::Mat> LayerTextures::Object(int side) {
     source = *fresh;
     if (sharing_) shared_ = source;
   }
-  return source.channels() == 4 ? AlphaObject(source, side, rng_) : CutOut(source, side, rng_);
+  return source.channels() == 4 ? AlphaObject(source, side, rng_)
+                                : CutOut(source, CutOutMask(CutOutSize(side, rng_), rng_));
 }
 
 }  // namespace holdfast

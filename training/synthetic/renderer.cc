@@ -138,13 +138,15 @@ void Renderer::DrawLayer(const Layer& layer, double time, cv::Mat& frame, cv::Ma
   if (area.empty()) return;
   InverseMaps(map, layer.Centre(), area, map_x_, map_y_);
   const cv::Rect used({0, 0}, area.size());
-  if (layer.endless) {
+  if (layer.texture.channels() == 3) {
     cv::remap(layer.texture, frame, map_x_(used), map_y_(used), cv::INTER_LINEAR, cv::BORDER_REFLECT_101);
     if (ids != nullptr) ids->setTo(layer.id);
     return;
   }
-  cv::remap(layer.texture, warped_, map_x_(used), map_y_(used), cv::INTER_LINEAR, cv::BORDER_CONSTANT);
-  if (scene_.shadow > 0) CastShadow(warped_, area, scene_, shade_, frame);
+  cv::remap(layer.texture, warped_, map_x_(used), map_y_(used), cv::INTER_LINEAR,
+            layer.endless ? cv::BORDER_REFLECT_101 : cv::BORDER_CONSTANT);
+  // What is endless is scenery, too far from what lies behind it for a shadow.
+  if (scene_.shadow > 0 && !layer.endless) CastShadow(warped_, area, scene_, shade_, frame);
   Compose(warped_, frame(area));
   if (ids != nullptr) MarkIds(warped_, layer.id, (*ids)(area));
 }

@@ -16,7 +16,7 @@
 namespace holdfast {
 
 struct Layer {
-  cv::Mat texture;  // [h, w] CV_8UC4, RGBA with colours multiplied by alpha; CV_8UC3 where endless
+  cv::Mat texture;  // [h, w] CV_8UC4, RGBA with colours multiplied by alpha; CV_8UC3: covers all behind it
   int32_t id = 0;   // in the masks, > 0
   Motion motion;
   ElasticWaves elastic;
@@ -29,7 +29,7 @@ struct Layer {
 
 struct Scene {
   cv::Size size;              // of the frame, pixels
-  std::vector<Layer> layers;  // back to front; the first one is endless
+  std::vector<Layer> layers;  // back to front; the first one is endless and RGB
   Motion camera;              // about the frame's centre
   double shutter = 0;         // of the time between frames; 0: no motion blur
   double shadow = 0;          // darkening under the objects, [0, 1]

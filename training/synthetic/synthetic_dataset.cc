@@ -90,7 +90,8 @@ absl::Status SyntheticOptions::Validate() const {
   for (const auto& [name, value] : {std::pair{"picture_share", picture_share},
                                     {"motion_strength", motion_strength},
                                     {"motion_ramp_start", motion_ramp_start},
-                                    {"still_share", still_share}}) {
+                                    {"still_share", still_share},
+                                    {"plain_share", plain_share}}) {
     if (absl::Status status = CheckShare(name, value); !status.ok()) return status;
   }
   return absl::OkStatus();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Made-up clips with exact tracks, visibility and object ids: layered scenes of a background and objects that move,
-// turn, scale and bend under a moving camera. Needs no download.
+// Made-up clips with exact tracks, visibility and object ids: layered scenes of a background, in some of them deep, and
+// of objects, some with limbs, that move, turn, scale and bend under a moving camera. Needs no download.
 #pragma once
 
 #include <memory>
@@ -12,7 +12,8 @@
 
 namespace holdfast {
 
-// Thread-safe. Every pixel has a label: 1 is the background, 2 and up are the objects, front to back in no order.
+// Thread-safe. Every pixel has a label: 1 is the background, 2 and up are objects, their limbs and the nearer
+// layers of a deep scene, from back to front.
 // About half of the points start on objects, all are visible in the first frame; labels are valid up to 64 pixels
 // outside the frame. A picture that cannot be read is DATA_LOSS.
 // Get() does not use 'rng': shuffling is pointless, and a validation set is just another seed.

@@ -23,6 +23,7 @@ struct SyntheticOptions {
   int64_t motion_ramp_clips = 0;   // clip i moves with strength * (start + (1 - start) * min(1, i / ramp)); 0: no ramp
   double motion_ramp_start = 0.2;  // [0, 1]
   double still_share = 0.12;       // of the clips that have no motion at all
+  double plain_share = 0.12;       // of the clips with faint, blurred or repeated textures
   bool photometric = true;         // colour drift, noise, blur, JPEG
   bool motion_blur = true;
   bool shadows = true;

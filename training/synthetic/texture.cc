@@ -170,6 +170,35 @@ std::vector<cv::Point> OutlinePoints(cv::Size size, int shift_bits, Rng& rng) {
   return points;
 }
 
+// Contrast lowered about the mean colour.
+cv::Mat Faint(const cv::Mat& picture, double contrast) {
+  cv::Mat out;
+  const cv::Scalar mean = cv::mean(picture);
+  cv::addWeighted(picture, contrast, cv::Mat(picture.size(), CV_8UC3, mean), 1 - contrast, 0, out);
+  return out;
+}
+
+// Without details smaller than about 'cell' pixels.
+cv::Mat Blurred(const cv::Mat& picture, int cell) {
+  cv::Mat coarse, out;
+  const cv::Size size(picture.cols / cell + 2, picture.rows / cell + 2);
+  cv::resize(picture, coarse, size, 0, 0, cv::INTER_AREA);
+  cv::resize(coarse, out, picture.size(), 0, 0, cv::INTER_CUBIC);
+  return out;
+}
+
+// One tile of 'picture' over and over, mirrored or not.
+cv::Mat Repeated(const cv::Mat& picture, cv::Size tile, Rng& rng) {
+  tile = {std::min(tile.width, picture.cols), std::min(tile.height, picture.rows)};
+  const cv::Point corner(static_cast<int>(rng.Below(picture.cols - tile.width + 1)),
+                         static_cast<int>(rng.Below(picture.rows - tile.height + 1)));
+  const int border = rng.Chance(0.5) ? cv::BORDER_REFLECT : cv::BORDER_WRAP;
+  cv::Mat out;
+  cv::copyMakeBorder(picture(cv::Rect(corner, tile)).clone(), out, 0, picture.rows - tile.height, 0,
+                     picture.cols - tile.width, border);
+  return out;
+}
+
 }  // namespace
 
 cv::Mat ProceduralTexture(cv::Size size, Rng& rng) {
@@ -205,6 +234,44 @@ cv::Mat CutOutMask(cv::Size size, Rng& rng) {
     cv::circle(mask, centre, radius, cv::Scalar(0), cv::FILLED, cv::LINE_AA);
   }
   return mask;
+}
+
+cv::Mat CoverMask(cv::Size size, double cover, Rng& rng) {
+  cv::Mat field = NoiseOctave(size, rng.Uniform(0.08, 0.4) * size.width, rng);
+  cv::scaleAdd(NoiseOctave(size, rng.Uniform(8, 30), rng), rng.Uniform(0, 0.5), field, field);
+  const float slope = static_cast<float>(rng.Chance(0.5) ? rng.Uniform(1, 4) / size.height : 0);  // hills: more below
+  for (int y = 0; y < size.height; ++y) field.row(y) += cv::Scalar(slope * static_cast<float>(y));
+  cv::Mat sorted = field.clone().reshape(1, 1);
+  const int above = static_cast<int>((1 - cover) * (sorted.cols - 1));
+  std::nth_element(sorted.ptr<float>(), sorted.ptr<float>() + above, sorted.ptr<float>() + sorted.cols);
+  cv::Mat mask = field > sorted.at<float>(0, above);
+  cv::medianBlur(mask, mask, 5);  // no specks
+  cv::blur(mask, mask, {3, 3});
+  return mask;
+}
+
+cv::Mat LimbMask(cv::Size size) {
+  constexpr int kMargin = 2;
+  cv::Mat mask(size, CV_8UC1, cv::Scalar(0));
+  const int radius = std::max(1, size.height / 2 - kMargin), y = size.height / 2;
+  cv::line(mask, {size.height / 2, y}, {size.width - 1 - size.height / 2, y}, cv::Scalar(255), 2 * radius - 1);
+  cv::circle(mask, {size.height / 2, y}, radius - 1, cv::Scalar(255), cv::FILLED);
+  cv::circle(mask, {size.width - 1 - size.height / 2, y}, radius - 1, cv::Scalar(255), cv::FILLED);
+  cv::blur(mask, mask, {3, 3});
+  return mask;
+}
+
+cv::Mat Plain(const cv::Mat& picture, Rng& rng) {
+  switch (rng.Below(4)) {
+    case 0:
+      return Faint(picture, rng.Uniform(0.05, 0.3));
+    case 1:
+      return Blurred(picture, static_cast<int>(rng.Integer(8, 40)));
+    default: {
+      const int side = static_cast<int>(rng.Integer(10, 50));
+      return Repeated(picture, {side, static_cast<int>(side * rng.Uniform(0.7, 1.4))}, rng);
+    }
+  }
 }
 
 }  // namespace holdfast
