@@ -130,7 +130,8 @@ TEST(SyntheticTest, ClipsKeepThePromisesOfASample) {
     EXPECT_EQ(clip.num_frames(), 12);
     EXPECT_EQ(clip.num_points(), 48);
     EXPECT_EQ(clip.size(), (ImageSize{128, 96}));
-    for (int64_t n = 0; n < clip.num_points(); ++n) EXPECT_TRUE(clip.Visible(0, n)) << i << ' ' << n << clip.Position(0, n);
+    for (int64_t n = 0; n < clip.num_points(); ++n)
+      EXPECT_TRUE(clip.Visible(0, n)) << i << ' ' << n << clip.Position(0, n);
   }
 }
 

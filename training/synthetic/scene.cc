@@ -108,11 +108,10 @@ Motion SceneMaker::Move(mix::Extent wander, mix::Extent travel) {
 }
 
 mix::Extent SceneMaker::ObjectTravel() {
-  constexpr double kOutOfFrame = 1.2;  // of the frame
-  const double kind = rng_.Uniform();
-  if (kind < mix::kTurningObject) return {0, mix::kPi, 0};
-  if (kind < mix::kTurningObject + mix::kGrowingObject) return {0, 0, 0.92};
-  if (kind < mix::kTurningObject + mix::kGrowingObject + mix::kLeavingObject) return {kOutOfFrame, 0, 0};
+  double rest = rng_.Uniform();
+  if ((rest -= mix::kTurningObject) < 0) return mix::kObjectTurn;
+  if ((rest -= mix::kGrowingObject) < 0) return mix::kObjectGrowth;
+  if ((rest -= mix::kLeavingObject) < 0) return mix::kObjectLeave;
   return {};
 }
 

@@ -55,8 +55,11 @@ constexpr Range kForegroundCover = {0.1, 0.3};  // the same in front of them
 constexpr Range kObjectSide = {0.15, 0.8};  // of the frame's smaller side
 constexpr Extent kObjectWander = {0.4, 1.2, 0.47};
 constexpr double kTurningObject = 0.08;  // of the objects turn by up to half a turn
+constexpr Extent kObjectTurn = {0, kPi, 0};
 constexpr double kGrowingObject = 0.08;  // of the objects come nearer or go away, up to a factor of 2.5
+constexpr Extent kObjectGrowth = {0, 0, 0.92};
 constexpr double kLeavingObject = 0.08;  // of the objects leave the frame, most of them to come back
+constexpr Extent kObjectLeave = {1.2, 0, 0};
 
 constexpr double kSwarm = 0.05;             // of the scenes: many small objects that look alike
 constexpr Range kSwarmSide = {0.06, 0.16};  // of the frame's smaller side
