@@ -161,7 +161,8 @@ void SessionFlow::SeedLocked(const PointOp& op) {
   entry.query_frame = entry.report_from = op.frame;
   const FlowPoint at = ToFlow(geometry_.ToFeatures(op.query.x, op.query.y));
   entry.chain = {op.frame, {at}, {1.0f}, op.frame + options_.window_frames - 1};
-  if (options_.patches && op.frame >= oldest_) {
+  // Memory may have been short for the picture; the session is about to end then.
+  if (options_.patches && op.frame >= oldest_ && op.frame < without_gap_) {
     entry.patch = std::make_shared<FlowPatch>(CutPatch(*pyramids_[op.frame - oldest_], at));
   }
   entries_.emplace(op.serial, std::move(entry));
