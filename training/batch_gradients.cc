@@ -47,8 +47,9 @@ absl::Status BatchGradients::Add(int64_t batch, double progress, StepTimes& time
   if (!samples.ok()) return samples.status();
   times.data += parts_.clock->Since(begin);
   const int64_t first_draw = (batch * parts_.group->world() + parts_.group->rank()) * recipe_.batch_size;
-  const ClipStepOptions options = {
-      recipe_.LossAt(progress), {recipe_.noisy_start, recipe_.streaming_windows, recipe_.chain_start}, phase_->iterations};
+  const ClipStepOptions options = {recipe_.LossAt(progress),
+                                   {recipe_.noisy_start, recipe_.streaming_windows, recipe_.chain_start},
+                                   phase_->iterations};
   for (size_t i = 0; i < samples->size(); ++i) {
     const absl::StatusOr<ClipTensors> clip = ToTensors((*samples)[i], parts_.model->options().stride);
     if (!clip.ok()) return clip.status();
