@@ -76,7 +76,7 @@ bool Scheduler::TakeTurn() {
   });
   int64_t cached = 0;
   for (const auto& session : sessions_) {
-    Guard({session.get()}, [&] { session->Settle(); });
+    Guard({session.get()}, [&] { busy = session->Settle() || busy; });
     cached += session->CachedBytes();
   }
   metrics_.CacheBytes(cached);

@@ -300,13 +300,13 @@ void Session::RunPolish(std::shared_ptr<PolishJob> job) {
   threads_.notify();
 }
 
-void Session::FinishPolish() {
+bool Session::FinishPolish() {
   std::shared_ptr<PolishJob> job;
   {
     absl::MutexLock lock(&polish_mutex_);
     job = std::move(polished_);
   }
-  if (job == nullptr) return;
+  if (job == nullptr) return false;
   polishing_ = false;
   std::vector<PointRun> runs;
   for (size_t i = 0; i < job->tracks.size(); ++i) {
@@ -315,6 +315,7 @@ void Session::FinishPolish() {
     if (auto run = tracks_.Polish(*job->tracks[i], positions)) runs.push_back(*std::move(run));
   }
   Deliver(std::move(runs));
+  return true;
 }
 
 void Session::Deliver(std::vector<PointRun> runs) {
@@ -367,18 +368,20 @@ absl::Status Session::FlowFailure() {
 
 int64_t Session::CachedBytes() const { return tracks_.cache().bytes() + (flow_ == nullptr ? 0 : flow_->bytes()); }
 
-void Session::Settle() {
-  if (closed_) return;
-  if (inbox_.cancelled()) return Close(inbox_.end_status());
-  if (absl::Status failure = FlowFailure(); !failure.ok()) return Close(failure);
-  FinishPolish();
+bool Session::Settle() {
+  if (closed_) return false;
+  if (inbox_.cancelled() || !FlowFailure().ok()) {
+    Close(inbox_.cancelled() ? inbox_.end_status() : FlowFailure());
+    return false;
+  }
+  const bool polished = FinishPolish();
   EndTracks();
   StartPolish();
   Evict();
-  if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return;
+  if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return polished;
   tracks_.FinalizeAll();
   StartPolish();
-  if (tracks_.AnyUnpolished()) return;
+  if (tracks_.AnyUnpolished()) return polished;
   const int64_t left = tracks_.tracks();
   std::vector<PointRun> last = tracks_.FinishAll();
   if (flow_ != nullptr) flow_->Close();  // no instant estimate may follow final ones
@@ -386,6 +389,7 @@ void Session::Settle() {
   Deliver(std::move(last));
   latency_.Final(tracks_.reported_before(), clock_.SteadyNow());
   Close(inbox_.end_status());
+  return false;
 }
 
 void Session::Close(const absl::Status& status) {

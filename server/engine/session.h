@@ -81,8 +81,9 @@ class Session : public std::enable_shared_from_this<Session> {
   // The rows' results, in order, are at 'estimates'.
   void Apply(absl::Span<const DueRow> rows, RowEstimate* estimates);
   int64_t CachedBytes() const;
-  // Ends tracks, forgets frames, and ends the session when it is cancelled or has nothing left to do.
-  void Settle();
+  // Takes over what was polished, ends tracks, forgets frames, and ends the session when it is cancelled or has nothing
+  // left to do. True: polish is done, so there may be room for frames that nobody will report.
+  bool Settle();
   // Ends the session as it stands.
   void Close(const absl::Status& status);
 
@@ -117,7 +118,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void Deliver(std::vector<PointRun> runs) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void StartChains(absl::Span<const DueRow> rows);
   void StartPolish();
-  void FinishPolish() ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  bool FinishPolish() ABSL_LOCKS_EXCLUDED(polish_mutex_);
   void EndTracks();
   void Evict();
   absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(polish_mutex_);

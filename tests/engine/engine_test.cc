@@ -168,6 +168,18 @@ TEST_F(EngineTest, RemovedAndReSeededPointsEndAndStartWhereTheyShould) {
   EXPECT_EQ(listener.summary().points, 4);
 }
 
+TEST_F(EngineTest, ASessionFullOfFramesToPolishGoesOnWhenTheyArePolished) {
+  for (int round = 0; round < 100; ++round) {  // it takes a polish that ends when nothing else is left to do
+    RecordingListener listener;
+    auto session = Open(Config({{1, 1, 1}, {2, 2, 2}}), listener);
+    PushFrames(*session, listener, 0, 40);
+    ASSERT_THAT(listener.Push(*session, MakeFrame(40, {{2, 40, 2}, {1, 20, 5}})), IsOk());
+    PushFrames(*session, listener, 41, 72);
+    session->Finish();
+    EXPECT_THAT(listener.AwaitDone(), IsOk());
+  }
+}
+
 TEST_F(EngineTest, OfPointsReSeededAtOneFrameTheLastSeedsAreTrackedAndAllAreCounted) {
   RecordingListener listener;
   auto session = Open(Config({{1, 1, 1}, {2, 2, 2}}), listener);
