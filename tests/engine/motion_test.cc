@@ -32,6 +32,13 @@ SessionConfig PictureConfig(std::vector<PointQuery> points, int hop = 8) {
   return config;
 }
 
+// As PictureConfig, with an estimate on every frame.
+SessionConfig LiveConfig(std::vector<PointQuery> points) {
+  SessionConfig config = PictureConfig(std::move(points));
+  config.emit = Emit::kEveryFrame;
+  return config;
+}
+
 std::vector<PointQuery> Crowd(int count) {
   std::vector<PointQuery> points;
   for (int i = 0; i < count; ++i) {
@@ -153,8 +160,7 @@ TEST_F(MotionTest, FinalTracksDoNotDependOnPaceBatchesOrWhenTheyAreSent) {
   const FinalTrack expected = Track(PictureConfig(points()), 75);
   ASSERT_THAT(expected, SizeIs(75));
 
-  SessionConfig every_frame = PictureConfig(points());
-  every_frame.emit = Emit::kEveryFrame;
+  SessionConfig every_frame = LiveConfig(points());
   EXPECT_EQ(Track(every_frame, 75), expected);
 
   SessionConfig final_only = PictureConfig(points());
@@ -197,8 +203,7 @@ TEST_F(MotionTest, SmallBatchesAndManyThreadsChangeNothing) {
 TEST_F(MotionTest, EveryFrameIsAnsweredWhileTheNetworkIsBusy) {
   Gate gate;
   model_->before_encode = [&gate] { gate.Pass(); };
-  SessionConfig config = PictureConfig({kPoint});
-  config.emit = Emit::kEveryFrame;
+  SessionConfig config = LiveConfig({kPoint});
   RecordingListener listener;
   auto session = Open(config, listener);
   for (int64_t i = 0; i < 6; ++i) {
@@ -229,8 +234,7 @@ TEST_F(MotionTest, EveryFrameIsAnsweredWhileTheNetworkIsBusy) {
 TEST_F(MotionTest, APointThatIsCoveredIsAnsweredWithLittleConfidence) {
   Gate gate;
   model_->before_encode = [&gate] { gate.Pass(); };
-  SessionConfig config = PictureConfig({kPoint});
-  config.emit = Emit::kEveryFrame;
+  SessionConfig config = LiveConfig({kPoint});
   RecordingListener listener;
   auto session = Open(config, listener);
   ASSERT_THAT(listener.Push(*session, PictureFrame(0)), IsOk());
@@ -248,8 +252,7 @@ TEST_F(MotionTest, APointThatIsCoveredIsAnsweredWithLittleConfidence) {
 TEST_F(MotionTest, RemovedPointsAreNotAnsweredAndReSeededOnesAtOnce) {
   Gate gate;
   model_->before_encode = [&gate] { gate.Pass(); };
-  SessionConfig config = PictureConfig({kPoint, {8, 80, 50}});
-  config.emit = Emit::kEveryFrame;
+  SessionConfig config = LiveConfig({kPoint, {8, 80, 50}});
   RecordingListener listener;
   auto session = Open(config, listener);
   ASSERT_THAT(listener.Push(*session, PictureFrame(0)), IsOk());
@@ -301,8 +304,7 @@ TEST_F(MotionTest, MemoryStaysWithinWhatWasAdmitted) {
   const int64_t pictures = frames + 8 + options_.max_pending_frames + 2;
   options_.cache_budget_bytes = frames * FakeTrackerModel::kFrameBytes + pictures * FlowPyramid::MostBytes(kPicture) +
                                 options_.limits.max_points * FlowPatch::kBytes;
-  SessionConfig config = PictureConfig({kPoint, {8, 80, 50}});
-  config.emit = Emit::kEveryFrame;
+  SessionConfig config = LiveConfig({kPoint, {8, 80, 50}});
   EXPECT_THAT(Track(config, 400), SizeIs(400));
   EXPECT_LE(metrics_.totals().max_cache_bytes, options_.cache_budget_bytes);
   EXPECT_GT(metrics_.totals().max_cache_bytes, 24 * (FakeTrackerModel::kFrameBytes + FlowPyramid::BytesOf(kPicture)));
@@ -355,8 +357,7 @@ TEST_F(MotionTest, PublishedChainingHasNone) {
 
 TEST_F(MotionTest, EveryFrameExcludesFinalOnly) {
   RecordingListener listener;
-  SessionConfig config = PictureConfig({kPoint});
-  config.emit = Emit::kEveryFrame;
+  SessionConfig config = LiveConfig({kPoint});
   config.send_provisional = false;
   EXPECT_THAT(engine().OpenSession(config, listener),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("config.emit")));
