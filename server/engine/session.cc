@@ -370,8 +370,8 @@ int64_t Session::CachedBytes() const { return tracks_.cache().bytes() + (flow_ =
 
 bool Session::Settle() {
   if (closed_) return false;
-  if (inbox_.cancelled() || !FlowFailure().ok()) {
-    Close(inbox_.cancelled() ? inbox_.end_status() : FlowFailure());
+  if (const absl::Status ended = inbox_.cancelled() ? inbox_.end_status() : FlowFailure(); !ended.ok()) {
+    Close(ended);
     return false;
   }
   const bool polished = FinishPolish();
