@@ -39,16 +39,16 @@ ifeq ($(PRESET),release)
 endif
 
 demo: configure ## track a real video through the server; the result lies in out/demo
-	cmake --build $(BUILD) -j $(JOBS) --target holdfast_server holdfast_client
+	cmake --build $(BUILD) -j $(JOBS) --target holdfast-server holdfast
 	deploy/demo.sh $(BUILD)/bin out/demo
 
 bench: configure ## measure the network's kernels, windows of video, and the synthetic generator
-	cmake --build $(BUILD) -j $(JOBS) --target model_benchmark holdfast_synth
+	cmake --build $(BUILD) -j $(JOBS) --target holdfast-model-benchmark holdfast-synth
 	$(BUILD)/bin/holdfast-model-benchmark
 	$(BUILD)/bin/holdfast-synth --benchmark --count=100
 
 train-small: configure ## train preset small for TIME=30m on synthetic scenes (PICTURES=dir); see out/train-small
-	cmake --build $(BUILD) -j $(JOBS) --target holdfast_train
+	cmake --build $(BUILD) -j $(JOBS) --target holdfast-train
 	$(BUILD)/bin/holdfast-train --preset=small --time_budget=$(TIME) --pictures=$(PICTURES) --out=out/train-small
 
 format: deps ## format the C++ sources in place

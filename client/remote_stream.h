@@ -15,9 +15,9 @@
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
 #include "absl/synchronization/mutex.h"
+#include "api/point_tracker.h"
+#include "api/steady_event.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
-#include "proto/point_tracker.h"
-#include "proto/steady_event.h"
 
 namespace holdfast {
 

@@ -7,10 +7,10 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "api/errors.h"
 #include "client/remote_stream.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
 #include "proto/convert.h"
-#include "proto/errors.h"
 #include "proto/grpc_deadline.h"
 #include "proto/grpc_status.h"
 

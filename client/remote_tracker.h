@@ -7,7 +7,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include "proto/point_tracker.h"
+#include "api/point_tracker.h"
 
 namespace grpc {
 class Channel;
@@ -18,7 +18,7 @@ namespace holdfast {
 // PointTracker on a server, over gRPC. Thread-safe; streams keep the connection alive and may outlive the tracker.
 // Each stream has a thread that reads results, so that results flow while a write waits; a write waits while the
 // server has no room, which is how a slow server slows its client. Every error names the server's address, and the
-// last frame sent where there is one; field violations and overload details are kept (see proto/errors.h). Whatever the
+// last frame sent where there is one; field violations and overload details are kept (see api/errors.h). Whatever the
 // server sent before a session was lost reaches the observer before OnDone.
 class RemoteTracker final : public PointTracker {
  public:

@@ -3,8 +3,8 @@
 
 #include <torch/torch.h>
 
-#include "model/convolution.h"
-#include "model/patch_attention.h"
+#include "model/ops/convolution.h"
+#include "model/ops/patch_attention.h"
 
 namespace holdfast {
 namespace {

@@ -3,9 +3,9 @@
 
 #include <torch/torch.h>
 
-#include "model/convolution.h"
-#include "model/instance_norm.h"
-#include "model/resize.h"
+#include "model/ops/convolution.h"
+#include "model/ops/instance_norm.h"
+#include "model/ops/resize.h"
 
 namespace holdfast {
 namespace {

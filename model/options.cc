@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "model/bounded_json.h"
+#include "io/bounded_json.h"
 
 namespace holdfast {
 namespace {

@@ -3,11 +3,11 @@
 
 #include <torch/torch.h>
 
-#include "model/correlation.h"
-#include "model/feature_views.h"
+#include "model/ops/correlation.h"
+#include "model/ops/feature_views.h"
+#include "model/ops/sampling.h"
+#include "model/ops/shape_check.h"
 #include "model/refinement.h"
-#include "model/sampling.h"
-#include "model/shape_check.h"
 
 namespace holdfast {
 

@@ -11,7 +11,7 @@
 
 #include "model/contextual_attention.h"
 #include "model/encoder.h"
-#include "model/feature_pyramid.h"
+#include "model/ops/feature_pyramid.h"
 #include "model/options.h"
 #include "model/update_block.h"
 

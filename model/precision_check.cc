@@ -7,8 +7,8 @@
 #include <cstdio>
 #include <vector>
 
-#include "model/sampling.h"
-#include "model/shape_check.h"
+#include "model/ops/sampling.h"
+#include "model/ops/shape_check.h"
 
 namespace holdfast {
 namespace {

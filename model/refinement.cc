@@ -3,10 +3,10 @@
 
 #include <torch/torch.h>
 
-#include "model/correlation.h"
-#include "model/kernel_type.h"
-#include "model/sampling.h"
-#include "model/shape_check.h"
+#include "model/ops/correlation.h"
+#include "model/ops/kernel_type.h"
+#include "model/ops/sampling.h"
+#include "model/ops/shape_check.h"
 
 namespace holdfast {
 namespace {

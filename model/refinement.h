@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "model/feature_views.h"
+#include "model/ops/feature_views.h"
 #include "model/point_model.h"
 
 namespace holdfast {

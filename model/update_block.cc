@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/convolution.h"
-#include "model/instance_norm.h"
+#include "model/ops/convolution.h"
+#include "model/ops/instance_norm.h"
 
 namespace holdfast {
 namespace {

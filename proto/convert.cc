@@ -8,8 +8,8 @@
 
 #include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
+#include "api/errors.h"
 #include "proto/convert_values.h"
-#include "proto/errors.h"
 
 namespace holdfast {
 namespace {

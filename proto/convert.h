@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "api/types.h"
 #include "holdfast/v1/point_tracking.pb.h"
-#include "proto/types.h"
 
 namespace holdfast {
 

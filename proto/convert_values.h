@@ -5,8 +5,8 @@
 #include <optional>
 
 #include "absl/time/time.h"
+#include "api/types.h"
 #include "holdfast/v1/point_tracking.pb.h"
-#include "proto/types.h"
 
 namespace holdfast::internal {
 

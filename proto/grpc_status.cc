@@ -8,8 +8,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+#include "api/errors.h"
 #include "google/rpc/error_details.pb.h"
-#include "proto/errors.h"
 
 namespace holdfast {
 namespace {

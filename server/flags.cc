@@ -8,8 +8,8 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "flags/program_path.h"
-#include "flags/shipped_weights.h"
+#include "program/program_path.h"
+#include "program/shipped_weights.h"
 
 // A flag that is not given leaves what the options say by themselves.
 namespace holdfast {

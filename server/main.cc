@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "flags/openmp_wait.h"
-#include "flags/program_flags.h"
-#include "proto/clock.h"
+#include "api/clock.h"
+#include "program/flags.h"
+#include "program/openmp_wait.h"
 #include "server/engine/engine.h"
 #include "server/flags.h"
 #include "server/http_endpoint.h"

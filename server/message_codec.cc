@@ -10,8 +10,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+#include "api/errors.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"  // how gRPC turns messages into bytes
-#include "proto/errors.h"
 
 namespace holdfast {
 namespace {

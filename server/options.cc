@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
-#include "proto/types.h"
+#include "api/types.h"
 
 namespace holdfast {
 namespace {

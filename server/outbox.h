@@ -7,7 +7,7 @@
 
 #include "absl/container/flat_hash_map.h"
 #include "absl/time/time.h"
-#include "proto/types.h"
+#include "api/types.h"
 
 namespace holdfast {
 

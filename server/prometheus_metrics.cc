@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "flags/program_flags.h"
+#include "program/flags.h"
 #include "server/process_stats.h"
 
 namespace holdfast {

@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "proto/types.h"
+#include "api/types.h"
 #include "server/engine/metrics.h"
 #include "server/events.h"
 

@@ -7,7 +7,7 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
-#include "proto/clock.h"
+#include "api/clock.h"
 #include "server/engine/engine.h"
 #include "server/events.h"
 #include "server/lifecycle.h"

@@ -6,8 +6,8 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "api/errors.h"
 #include "proto/convert.h"
-#include "proto/errors.h"
 #include "proto/grpc_status.h"
 #include "server/message_codec.h"
 

@@ -13,8 +13,8 @@
 #include "absl/status/status.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
+#include "api/clock.h"
 #include "holdfast/v1/point_tracking.pb.h"
-#include "proto/clock.h"
 #include "server/engine/engine.h"
 #include "server/outbox.h"
 

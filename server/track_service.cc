@@ -4,9 +4,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "flags/program_flags.h"
+#include "api/errors.h"
+#include "program/flags.h"
 #include "proto/convert.h"
-#include "proto/errors.h"
 #include "proto/grpc_status.h"
 
 namespace holdfast {

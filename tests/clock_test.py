@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No source file of the programs asks the system for the time, or waits by the wall clock, but by proto/clock.h."""
+"""No source file of the programs asks the system for the time, or waits by the wall clock, but by api/clock.h."""
 import pathlib
 import re
 import unittest
 
 SOURCE = pathlib.Path(__file__).resolve().parents[1]
-DIRECTORIES = ("server", "client", "training", "flags", "model", "proto")
+DIRECTORIES = ("api", "client", "io", "model", "program", "proto", "server", "training")
 # What may: each file, for the one reason in its own comment.
 ALLOWED = {
-    "proto/clock.h": r"absl::Now\(|steady_clock::now|absl/time/clock\.h",  # the system's clock itself
+    "api/clock.h": r"absl::Now\(|steady_clock::now|absl/time/clock\.h",  # the system's clock itself
     "proto/grpc_deadline.h": r"gpr_now",                                   # gRPC's name for the steady clock
-    "training/synth_main.cc": r"std::clock\(|clock_t|<ctime>",             # processor time
+    "training/tools/synth_main.cc": r"std::clock\(|clock_t|<ctime>",             # processor time
 }
 BYPASSES = re.compile("|".join((
     r"\babsl::Now\(", r"absl/time/clock\.h", r"\bGetCurrentTimeNanos\b", r"_clock::now\b", r"_clock::to_time_t",
     r"\bstd::time\(", r"(?<![\w.>:])time\((?:NULL|nullptr|0|&)", r"\bgettimeofday\b", r"\bclock_gettime\b",
     r"\bgpr_now\b", r"<ctime>|<time\.h>|<sys/time\.h>", r"\bstd::clock\(|\bclock_t\b", r"\bgetTick", r"\bTickMeter\b",
     r"\bSleepFor\b", r"\bsleep_(?:for|until)\b", r"\bu?sleep\(", r"\bnanosleep\b", r"\btimerfd_",
-    # absl's waits: by the wall clock in the version of Debian 12 (see proto/steady_event.h).
+    # absl's waits: by the wall clock in the version of Debian 12 (see api/steady_event.h).
     r"\bAwaitWith(?:Timeout|Deadline)\b", r"\bLockWhenWith(?:Timeout|Deadline)\b",
     r"\bWaitWith(?:Timeout|Deadline)\b", r"\bWaitForNotificationWith(?:Timeout|Deadline)\b", r"\bwait_until\b",
     r"\bToChronoTime\b")))

@@ -2,7 +2,7 @@
 """Includes go the way that README's codemap says, and no two types of one namespace share a name.
 
 The codemap is a Markdown table. The first column names the folders of a layer (`server/`) or single headers of it
-(`proto/types.h`); a file belongs to the longest name that fits. "may include" names other layers' folders or single
+(`api/types.h`); a file belongs to the longest name that fits. "may include" names other layers' folders or single
 files, or says "everything"; behind the word "never" it names prefixes that no include of the layer has, of libraries
 too (`torch/`). A layer always includes itself. A generated header belongs where its .proto file is.
 """

@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "training/clip_step.h"
+#include "training/loss/clip_step.h"
 
 namespace holdfast {
 namespace {

@@ -5,12 +5,12 @@
 #include <memory>
 
 #include "absl/status/status.h"
+#include "api/clock.h"
 #include "model/point_model.h"
-#include "proto/clock.h"
 #include "training/clip_source.h"
 #include "training/distributed.h"
 #include "training/recipe.h"
-#include "training/training_report.h"
+#include "training/report/training_report.h"
 #include "training/working_network.h"
 
 namespace holdfast {

@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
-#include "training/loader.h"
+#include "training/data/loader.h"
 #include "training/recipe.h"
 
 namespace holdfast {

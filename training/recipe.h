@@ -9,7 +9,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "training/losses.h"
+#include "training/loss/losses.h"
 #include "training/schedule.h"
 
 namespace holdfast {

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "model/checkpoint.h"
+#include "model/checkpoint/checkpoint.h"
 #include "training/batch_gradients.h"
 #include "training/first_line.h"
 #include "training/gradient.h"

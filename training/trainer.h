@@ -12,12 +12,12 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "api/clock.h"
 #include "model/point_model.h"
-#include "proto/clock.h"
 #include "training/clip_source.h"
 #include "training/distributed.h"
 #include "training/recipe.h"
-#include "training/training_report.h"
+#include "training/report/training_report.h"
 #include "training/validation.h"
 
 namespace holdfast {

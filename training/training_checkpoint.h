@@ -14,8 +14,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "model/checkpoint/safetensors.h"
 #include "model/point_model.h"
-#include "model/safetensors.h"
 
 namespace holdfast {
 

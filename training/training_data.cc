@@ -4,10 +4,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "training/decorators.h"
-#include "training/neutral.h"
-#include "training/point_odyssey.h"
-#include "training/synthetic/synthetic_dataset.h"
+#include "training/data/decorators.h"
+#include "training/data/readers/neutral.h"
+#include "training/data/readers/point_odyssey.h"
+#include "training/data/synthetic/synthetic_dataset.h"
 
 namespace holdfast {
 namespace {

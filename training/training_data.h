@@ -9,7 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "training/clip_source.h"
-#include "training/dataset.h"
+#include "training/data/dataset.h"
 #include "training/recipe.h"
 
 namespace holdfast {

@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "training/clip_targets.h"
-#include "training/window_plan.h"
+#include "training/loss/clip_targets.h"
+#include "training/loss/window_plan.h"
 
 namespace holdfast {
 namespace {

@@ -6,9 +6,9 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "model/point_model.h"
-#include "training/dataset.h"
-#include "training/metrics.h"
-#include "training/sample.h"
+#include "training/data/dataset.h"
+#include "training/data/sample.h"
+#include "training/evaluation/metrics.h"
 
 namespace holdfast {
 

@@ -8,8 +8,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "model/checkpoint/safetensors.h"
 #include "model/point_model.h"
-#include "model/safetensors.h"
 
 namespace holdfast {
 

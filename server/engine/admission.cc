@@ -3,7 +3,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
-#include "proto/errors.h"
+#include "api/errors.h"
 
 namespace holdfast {
 namespace {

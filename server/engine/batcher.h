@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "server/engine/session.h"
-#include "server/engine/track_set.h"
 #include "server/engine/tracker_model.h"
+#include "server/engine/tracks/track_set.h"
 
 namespace holdfast {
 

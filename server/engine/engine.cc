@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "model/checkpoint.h"
+#include "model/checkpoint/checkpoint.h"
 #include "server/engine/engine_with_model.h"
 #include "server/engine/torch_tracker_model.h"
 

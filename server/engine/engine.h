@@ -10,8 +10,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include "proto/clock.h"
-#include "proto/types.h"
+#include "api/clock.h"
+#include "api/types.h"
 #include "server/engine/metrics.h"
 
 namespace holdfast {

@@ -8,10 +8,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/engine/admission.h"
-#include "server/engine/decode_pool.h"
+#include "server/engine/input/decode_pool.h"
+#include "server/engine/input/session_config.h"
 #include "server/engine/scheduler.h"
 #include "server/engine/session.h"
-#include "server/engine/session_config.h"
 
 namespace holdfast {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/synchronization/mutex.h"
-#include "proto/clock.h"
+#include "api/clock.h"
 #include "server/engine/metrics.h"
 
 namespace holdfast {

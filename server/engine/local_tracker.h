@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "proto/point_tracker.h"
+#include "api/point_tracker.h"
 #include "server/engine/engine.h"
 
 namespace holdfast {

@@ -6,7 +6,7 @@
 
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include "proto/types.h"
+#include "api/types.h"
 
 namespace holdfast {
 

@@ -9,8 +9,8 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/synchronization/mutex.h"
+#include "api/types.h"
 #include "model/point_model.h"
-#include "proto/types.h"
 #include "server/engine/metrics.h"
 
 namespace holdfast {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "server/engine/confidence.h"
+#include "server/engine/tracks/confidence.h"
 
 namespace holdfast {
 namespace {

@@ -13,11 +13,11 @@
 #include "absl/container/flat_hash_map.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
-#include "proto/types.h"
-#include "server/engine/flow.h"
-#include "server/engine/geometry.h"
-#include "server/engine/session_inbox.h"
+#include "api/types.h"
+#include "server/engine/input/session_inbox.h"
+#include "server/engine/motion/flow.h"
 #include "server/engine/tracker_model.h"
+#include "server/engine/tracks/geometry.h"
 
 namespace holdfast {
 

@@ -14,10 +14,10 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "model/ops/sampling.h"
 #include "model/precision.h"
 #include "model/precision_check.h"
 #include "model/presets.h"
-#include "model/sampling.h"
 #include "model/thread_count.h"
 #include "server/engine/precision_switch.h"
 

@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
-#include "model/checkpoint.h"
+#include "model/checkpoint/checkpoint.h"
 #include "server/engine/engine.h"
 #include "server/engine/tracker_model.h"
 

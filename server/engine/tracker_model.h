@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "proto/types.h"
+#include "api/types.h"
 
 namespace holdfast {
 

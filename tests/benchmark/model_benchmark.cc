@@ -6,13 +6,13 @@
 
 #include <cstdlib>
 
-#include "flags/openmp_wait.h"
-#include "model/correlation.h"
-#include "model/instance_norm.h"
-#include "model/patch_attention.h"
+#include "model/ops/correlation.h"
+#include "model/ops/instance_norm.h"
+#include "model/ops/patch_attention.h"
+#include "model/ops/sampling.h"
 #include "model/point_model.h"
 #include "model/presets.h"
-#include "model/sampling.h"
+#include "program/openmp_wait.h"
 
 namespace holdfast {
 namespace {

@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "absl/synchronization/notification.h"
-#include "proto/errors.h"
+#include "api/errors.h"
 #include "proto/grpc_status.h"
 #include "tests/client/fake_service.h"
 

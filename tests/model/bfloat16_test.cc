@@ -14,14 +14,14 @@
 #include <string>
 #include <vector>
 
-#include "model/checkpoint.h"
-#include "model/convolution.h"
-#include "model/correlation.h"
-#include "model/instance_norm.h"
-#include "model/patch_attention.h"
+#include "model/checkpoint/checkpoint.h"
+#include "model/ops/convolution.h"
+#include "model/ops/correlation.h"
+#include "model/ops/instance_norm.h"
+#include "model/ops/patch_attention.h"
+#include "model/ops/resize.h"
+#include "model/ops/sampling.h"
 #include "model/precision_check.h"
-#include "model/resize.h"
-#include "model/sampling.h"
 #include "tests/support/golden.h"
 #include "tests/support/gradient_check.h"
 #include "tests/support/networks.h"

@@ -2,12 +2,12 @@
 // The published network's numbers, stage by stage from golden inputs and as whole runs.
 #include <gtest/gtest.h>
 
-#include "model/checkpoint.h"
-#include "model/correlation.h"
-#include "model/feature_views.h"
+#include "model/checkpoint/checkpoint.h"
+#include "model/ops/correlation.h"
+#include "model/ops/feature_views.h"
+#include "model/ops/sampling.h"
 #include "model/point_model.h"
 #include "model/refinement.h"
-#include "model/sampling.h"
 #include "tests/support/golden.h"
 
 namespace holdfast {

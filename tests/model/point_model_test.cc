@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
-#include "model/sampling.h"
+#include "model/ops/sampling.h"
 #include "tests/support/golden.h"
 #include "tests/support/networks.h"
 

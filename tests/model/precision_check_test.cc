@@ -6,7 +6,7 @@
 
 #include <limits>
 
-#include "model/checkpoint.h"
+#include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"
 
 namespace holdfast {

@@ -9,7 +9,7 @@
 #include <string>
 #include <utility>
 
-#include "proto/errors.h"
+#include "api/errors.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {

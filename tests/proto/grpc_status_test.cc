@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "api/errors.h"
 #include "google/rpc/error_details.pb.h"
-#include "proto/errors.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {

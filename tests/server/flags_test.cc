@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/flags/reflection.h"
-#include "flags/program_flags.h"
+#include "program/flags.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {

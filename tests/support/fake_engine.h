@@ -15,7 +15,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
-#include "proto/errors.h"
+#include "api/errors.h"
 #include "server/engine/engine.h"
 
 namespace holdfast {

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "proto/point_tracker.h"
+#include "api/point_tracker.h"
 
 namespace holdfast {
 

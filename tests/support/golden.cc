@@ -8,7 +8,7 @@
 #include <limits>
 #include <sstream>
 
-#include "model/safetensors.h"
+#include "model/checkpoint/safetensors.h"
 
 namespace holdfast {
 namespace {

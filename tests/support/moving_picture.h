@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "server/engine/flow.h"
+#include "server/engine/motion/flow.h"
 
 namespace holdfast {
 

@@ -11,8 +11,8 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/synchronization/mutex.h"
-#include "proto/point_tracker.h"
-#include "proto/types.h"
+#include "api/point_tracker.h"
+#include "api/types.h"
 #include "server/engine/engine.h"
 #include "server/engine/metrics.h"
 

@@ -12,10 +12,10 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "api/types.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
 #include "proto/convert.h"
 #include "proto/grpc_status.h"
-#include "proto/types.h"
 #include "tests/support/simulated_clock.h"
 
 namespace holdfast {

@@ -10,11 +10,11 @@
 #include <map>
 #include <thread>
 
+#include "api/clock.h"
 #include "model/presets.h"
-#include "proto/clock.h"
 #include "tests/support/status_matchers.h"
-#include "training/clip_step.h"
 #include "training/gradient.h"
+#include "training/loss/clip_step.h"
 #include "training/training_data.h"
 
 namespace holdfast {

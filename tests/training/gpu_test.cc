@@ -7,11 +7,11 @@
 
 #include <vector>
 
-#include "model/feature_pyramid.h"
+#include "api/clock.h"
+#include "model/ops/feature_pyramid.h"
 #include "model/presets.h"
-#include "proto/clock.h"
 #include "tests/support/status_matchers.h"
-#include "training/clip_step.h"
+#include "training/loss/clip_step.h"
 #include "training/recipe.h"
 #include "training/training_data.h"
 #include "training/working_network.h"

@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <functional>
 
-#include "model/checkpoint.h"
+#include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"
 #include "tests/support/simulated_clock.h"
 #include "tests/support/status_matchers.h"

@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "model/checkpoint.h"
+#include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Converts a TAP-Vid pickle (for example tapvid_davis.pkl) into folders of the neutral format (training/neutral.h).
+"""Converts a TAP-Vid pickle (for example tapvid_davis.pkl) into folders of the neutral format
+(training/data/readers/neutral.h).
 
   convert_tapvid.py PICKLE DIRECTORY [--quality 95]
 

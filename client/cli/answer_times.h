@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/time.h"
+#include "api/clock.h"
+#include "api/types.h"
+
+namespace holdfast {
+
+// How long each frame waited for its first estimate. Thread-safe.
+class AnswerTimes {
+ public:
+  explicit AnswerTimes(std::function<SteadyTime()> now) : now_(std::move(now)) {}
+
+  // The next frame is being sent.
+  void Sent() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Frames up to the newest that has an estimate.
+  int64_t Answered(const TrackUpdate& update) ABSL_LOCKS_EXCLUDED(mutex_);
+  int64_t answered() const ABSL_LOCKS_EXCLUDED(mutex_);
+  // One line; empty before the first answer.
+  std::string Summary() const ABSL_LOCKS_EXCLUDED(mutex_);
+
+ private:
+  const std::function<SteadyTime()> now_;
+  mutable absl::Mutex mutex_;
+  std::vector<SteadyTime> sent_ ABSL_GUARDED_BY(mutex_);
+  std::vector<absl::Duration> waited_ ABSL_GUARDED_BY(mutex_);  // of frames 0 .. answered - 1
+};
+
+}  // namespace holdfast

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <ostream>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "api/point_tracker.h"
+#include "api/types.h"
+#include "client/cli/interrupt.h"
+#include "client/cli/overlay_video.h"
+#include "client/cli/point_source.h"
+
+namespace holdfast {
+
+struct TrackOptions {
+  std::string input;  // as FrameSource::Open takes it
+  PointOptions points;
+  std::string out;  // .json, .csv or .npz; empty: none
+  OverlayVideo::Options overlay;
+  int64_t max_frames = 0;  // 0: all
+  int max_side = 0;        // of the frames sent, pixels; 0: as they are
+  int jpeg_quality = 92;
+  ImageSize processing_size;  // empty: the server's default
+  int hop_frames = 0;         // 0: the server's default
+  int iterations = 0;         // 0: the server's default
+  bool live = false;  // asks for an estimate on every frame, and shows those; 'out' holds final ones all the same
+
+  // What is wrong with the call itself, before any file is opened.
+  absl::Status Validate() const;
+};
+
+// What a run needs from outside.
+struct TrackEnvironment {
+  // Called once the input and the points are known to be good.
+  std::function<absl::StatusOr<std::unique_ptr<PointTracker>>()> connect;
+  StopSignal& stop;   // cancels the session; listened to from the accepted session to the written files
+  std::ostream& log;  // progress and what was written
+  bool terminal;      // whether 'log' is one
+};
+
+// Tracks the points through the input and writes the files. When the session is lost, the input breaks or 'stop' comes,
+// the files hold every estimate that was received, final or not, 'log' says which frames these are, and the status says
+// why; CANCELLED is for 'stop' alone. Without any estimate no file is written or replaced. Outputs that cannot be
+// written are found before the input is opened. REQUIRES: options.Validate() is OK.
+absl::Status RunTrack(const TrackOptions& options, const TrackEnvironment& environment);
+
+}  // namespace holdfast

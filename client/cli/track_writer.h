@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "api/types.h"
+#include "client/cli/track_extent.h"
+#include "client/cli/track_table.h"
+
+namespace holdfast {
+
+// T is the number of frames up to the last estimate, and of all frames where the run was complete.
+// kJson: {width, height, fps, frames: T, complete, final_frames, expected_frames,
+//         points: [{id, name, frames[], xy[[x, y]], visible[], confidence[]}]}
+// kCsv:  id,frame,x,y,visible,confidence; a line for each estimate and no word on how much is missing
+// kNpz:  tracks [N, T, 2] float32 pixels (NaN where absent), visible [N, T] bool, confidence [N, T] float32,
+//        ids [N] int64; complete bool, final_frames int64 and expected_frames int64 without dimensions
+// 'complete', 'final_frames' and 'expected_frames' as in TrackExtent.
+enum class TrackFormat { kJson, kCsv, kNpz };
+
+// By the path's suffix; INVALID_ARGUMENT for others than .json, .csv and .npz.
+absl::StatusOr<TrackFormat> TrackFormatOf(absl::string_view path);
+
+struct VideoFacts {
+  ImageSize size;
+  double fps = 0;
+};
+
+// Writes the estimates of 'table' under 'path', atomically. REQUIRES: extent.frames >= table.estimated_frames().
+absl::Status WriteTracks(const std::string& path, const TrackTable& table, const VideoFacts& video,
+                         const TrackExtent& extent);
+
+}  // namespace holdfast

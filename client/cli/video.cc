@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/video.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+
+namespace holdfast {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kDefaultFps = 30;
+constexpr char kCameraPrefix[] = "camera:";
+
+bool IsPicture(const fs::path& path) {
+  const std::string suffix = absl::AsciiStrToLower(path.extension().string());
+  return suffix == ".jpg" || suffix == ".jpeg" || suffix == ".png";
+}
+
+double UsableFps(double fps) { return std::isfinite(fps) && fps > 0 && fps < 1000 ? fps : kDefaultFps; }
+
+// An empty picture is a valid answer of 'read': the end.
+absl::StatusOr<cv::Mat> WithoutException(const std::string& name, const std::function<cv::Mat()>& read) {
+  try {
+    return read();
+  } catch (const cv::Exception& e) {
+    return absl::DataLossError(absl::StrCat(name, ": ", e.err));
+  }
+}
+
+int Scaled(int side, double factor) { return std::max(1, static_cast<int>(std::lround(side * factor))); }
+
+ImageSize Limited(ImageSize size, int max_side) {
+  const int side = std::max(size.width, size.height);
+  if (max_side == 0 || side <= max_side) return size;
+  const double factor = static_cast<double>(max_side) / side;
+  return {Scaled(size.width, factor), Scaled(size.height, factor)};
+}
+
+}  // namespace
+
+FrameSource::FrameSource(std::string input, Reader read, double fps, int64_t frames)
+    : input_(std::move(input)), read_(std::move(read)), fps_(UsableFps(fps)), frames_(std::max<int64_t>(0, frames)) {}
+
+absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input) {
+  std::error_code ignored;
+  const bool camera = absl::StartsWith(input, kCameraPrefix) || absl::StartsWith(input, "/dev/");
+  if (!camera && !fs::exists(input, ignored)) return absl::NotFoundError(absl::StrCat(input, ": no such file"));
+  auto source = camera ? OpenCamera(input) : fs::is_directory(input, ignored) ? OpenDirectory(input) : OpenVideo(input);
+  if (!source.ok()) return source.status();
+  absl::StatusOr<cv::Mat> first = (*source)->read_();
+  if (!first.ok()) return first.status();
+  if (first->empty()) return absl::InvalidArgumentError(absl::StrCat(input, ": has no frames that can be read"));
+  (*source)->first_ = *std::move(first);
+  return source;
+}
+
+absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::string& input) {
+  auto capture = std::make_shared<cv::VideoCapture>();
+  const auto opened = WithoutException(input, [&] {
+    capture->open(input, cv::CAP_FFMPEG);
+    return cv::Mat();
+  });
+  if (!opened.ok()) return opened.status();
+  if (!capture->isOpened()) return absl::InvalidArgumentError(absl::StrCat(input, ": is not a video that can be read"));
+  const auto read = [input, capture] {
+    return WithoutException(input, [&capture] {
+      cv::Mat frame;
+      capture->read(frame);
+      return frame.clone();  // the next read reuses the memory
+    });
+  };
+  return std::unique_ptr<FrameSource>(new FrameSource(input, read, capture->get(cv::CAP_PROP_FPS),
+                                                      std::llround(capture->get(cv::CAP_PROP_FRAME_COUNT))));
+}
+
+absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const std::string& input) {
+  std::vector<std::string> paths;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(input, error)) {
+    if (IsPicture(entry.path())) paths.push_back(entry.path().string());
+  }
+  if (error) return absl::PermissionDeniedError(absl::StrCat(input, ": ", error.message()));
+  if (paths.empty()) return absl::NotFoundError(absl::StrCat(input, ": the directory has no .jpg or .png file"));
+  std::sort(paths.begin(), paths.end());
+  const auto count = static_cast<int64_t>(paths.size());
+  const auto read = [paths = std::move(paths), next = size_t{0}]() mutable -> absl::StatusOr<cv::Mat> {
+    if (next == paths.size()) return cv::Mat();
+    const std::string& path = paths[next++];
+    absl::StatusOr<cv::Mat> frame = WithoutException(path, [&path] { return cv::imread(path, cv::IMREAD_COLOR); });
+    if (frame.ok() && frame->empty()) return absl::DataLossError(absl::StrCat(path, ": is not a picture"));
+    return frame;
+  };
+  return std::unique_ptr<FrameSource>(new FrameSource(input, read, kDefaultFps, count));
+}
+
+absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::string& input) {
+  absl::string_view text = input;
+  int number = -1;
+  if (absl::ConsumePrefix(&text, kCameraPrefix) && (!absl::SimpleAtoi(text, &number) || number < 0)) {
+    return absl::InvalidArgumentError(absl::StrCat(input, ": expected camera:0, camera:1, ..."));
+  }
+  const std::string device = number < 0 ? input : absl::StrCat("/dev/video", number);
+  auto capture = std::make_shared<cv::VideoCapture>();
+  if (!capture->open(device, cv::CAP_V4L2))
+    return absl::NotFoundError(absl::StrCat(input, ": no camera answers there"));
+  const auto read = [input, capture] {
+    return WithoutException(input, [&capture] {
+      cv::Mat frame;
+      capture->read(frame);
+      return frame.clone();
+    });
+  };
+  return std::unique_ptr<FrameSource>(new FrameSource(input, read, capture->get(cv::CAP_PROP_FPS), 0));
+}
+
+absl::StatusOr<cv::Mat> FrameSource::Next() {
+  if (next_index_++ == 0) return first_;
+  absl::StatusOr<cv::Mat> frame = read_();
+  if (!frame.ok() || frame->empty() || frame->size() == first_.size()) return frame;
+  return absl::DataLossError(absl::StrCat(input_, ": frame ", next_index_ - 1, " is ", frame->cols, "x", frame->rows,
+                                          ", the frames before it are ", first_.cols, "x", first_.rows));
+}
+
+FrameEncoder::FrameEncoder(ImageSize size, int max_side, int jpeg_quality)
+    : size_(size), sent_(Limited(size, max_side)), jpeg_quality_(jpeg_quality) {}
+
+absl::StatusOr<std::string> FrameEncoder::Encode(const cv::Mat& frame) const {
+  std::vector<uint8_t> bytes;
+  const auto encoded = WithoutException("JPEG", [&] {
+    cv::Mat picture = frame;
+    if (sent_ != size_) cv::resize(frame, picture, {sent_.width, sent_.height}, 0, 0, cv::INTER_AREA);
+    cv::imencode(".jpg", picture, bytes, {cv::IMWRITE_JPEG_QUALITY, jpeg_quality_});
+    return picture;
+  });
+  if (!encoded.ok()) return encoded.status();
+  return std::string(bytes.begin(), bytes.end());
+}
+
+PointQuery FrameEncoder::ToSent(const PointQuery& point) const {
+  // A point on the last column of a larger picture would lie beyond the smaller one's.
+  const float x = point.x * static_cast<float>(sent_.width) / static_cast<float>(size_.width);
+  const float y = point.y * static_cast<float>(sent_.height) / static_cast<float>(size_.height);
+  return {point.id, std::min(x, static_cast<float>(sent_.width - 1)),
+          std::min(y, static_cast<float>(sent_.height - 1))};
+}
+
+void FrameEncoder::FromSent(PointRun& run) const {
+  for (float& x : run.x) x = x * static_cast<float>(size_.width) / static_cast<float>(sent_.width);
+  for (float& y : run.y) y = y * static_cast<float>(size_.height) / static_cast<float>(sent_.height);
+}
+
+}  // namespace holdfast

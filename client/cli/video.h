@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "api/types.h"
+
+namespace holdfast {
+
+// The frames of a video file, of a directory of pictures or of a camera, one after the other. One thread at a time.
+class FrameSource {
+ public:
+  // 'input': a video file, a directory (its .jpg, .jpeg and .png files in the order of their names), "camera:N" or a
+  // device such as /dev/video0. Reads the first frame, so that an input without frames is an error here.
+  static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input);
+
+  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame.
+  absl::StatusOr<cv::Mat> Next();
+
+  ImageSize size() const { return {first_.cols, first_.rows}; }
+  double fps() const { return fps_; }         // a guess of 30 where the input does not say
+  int64_t frames() const { return frames_; }  // as the input announces; 0: not known
+
+ private:
+  using Reader = std::function<absl::StatusOr<cv::Mat>()>;
+  FrameSource(std::string input, Reader read, double fps, int64_t frames);
+  static absl::StatusOr<std::unique_ptr<FrameSource>> OpenVideo(const std::string& input);
+  static absl::StatusOr<std::unique_ptr<FrameSource>> OpenDirectory(const std::string& input);
+  static absl::StatusOr<std::unique_ptr<FrameSource>> OpenCamera(const std::string& input);
+
+  const std::string input_;
+  const Reader read_;
+  const double fps_;
+  const int64_t frames_;
+  cv::Mat first_;
+  int64_t next_index_ = 0;
+};
+
+// How frames travel: made smaller where a limit says so, and as JPEG.
+class FrameEncoder {
+ public:
+  // 'max_side': of the pictures that are sent, in pixels; 0: as they are. 'jpeg_quality': 1..100.
+  FrameEncoder(ImageSize size, int max_side, int jpeg_quality);
+
+  absl::StatusOr<std::string> Encode(const cv::Mat& frame) const;
+
+  // Positions in the source's pixels <-> positions in the sent picture's.
+  PointQuery ToSent(const PointQuery& point) const;
+  void FromSent(PointRun& run) const;
+  ImageSize sent_size() const { return sent_; }
+
+ private:
+  const ImageSize size_;
+  const ImageSize sent_;
+  const int jpeg_quality_;
+};
+
+}  // namespace holdfast

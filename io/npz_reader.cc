@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "io/npz_reader.h"
+
+#include <zip.h>
+
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+
+namespace holdfast {
+namespace {
+
+constexpr int64_t kMaxReadValues = int64_t{1} << 29;  // of the rows of one call
+
+absl::Status Damaged(absl::string_view what) { return absl::DataLossError(absl::StrCat("not a valid array: ", what)); }
+
+template <typename T>
+float ValueAt(const char* bytes) {
+  T value;
+  std::memcpy(&value, bytes, sizeof(T));
+  return static_cast<float>(value);
+}
+
+using Converter = float (*)(const char*);
+
+Converter ConverterOf(const NpyHeader& header) {
+  const bool is_signed = header.kind == 'i';
+  if (header.kind == 'f') return header.item_bytes == 4 ? &ValueAt<float> : &ValueAt<double>;
+  if (header.item_bytes == 1) return is_signed ? &ValueAt<int8_t> : &ValueAt<uint8_t>;
+  if (header.item_bytes == 2) return is_signed ? &ValueAt<int16_t> : &ValueAt<uint16_t>;
+  if (header.item_bytes == 4) return is_signed ? &ValueAt<int32_t> : &ValueAt<uint32_t>;
+  return is_signed ? &ValueAt<int64_t> : &ValueAt<uint64_t>;
+}
+
+struct ZipCloser {
+  void operator()(zip_t* archive) const { zip_discard(archive); }
+};
+struct EntryCloser {
+  void operator()(zip_file_t* file) const { zip_fclose(file); }
+};
+using Archive = std::unique_ptr<zip_t, ZipCloser>;
+using ArchiveEntry = std::unique_ptr<zip_file_t, EntryCloser>;
+
+absl::StatusOr<Archive> OpenArchive(const std::string& path) {
+  int error = 0;
+  Archive archive(zip_open(path.c_str(), ZIP_RDONLY, &error));
+  if (archive != nullptr) return archive;
+  if (error == ZIP_ER_NOENT) return absl::NotFoundError(absl::StrCat("no file ", path));
+  return absl::DataLossError(absl::StrCat(path, " is not a readable .npz file"));
+}
+
+// Reads exactly 'size' bytes.
+bool ReadFully(zip_file_t* file, char* out, size_t size) {
+  while (size > 0) {
+    const zip_int64_t got = zip_fread(file, out, size);
+    if (got <= 0) return false;
+    out += got;
+    size -= static_cast<size_t>(got);
+  }
+  return true;
+}
+
+bool Skip(zip_file_t* file, size_t size) {
+  std::string scratch(std::min<size_t>(size, 1 << 20), '\0');
+  while (size > 0) {
+    const size_t step = std::min(size, scratch.size());
+    if (!ReadFully(file, scratch.data(), step)) return false;
+    size -= step;
+  }
+  return true;
+}
+
+// The header of the array in 'file', whose entry has 'entry_bytes' unpacked.
+absl::StatusOr<NpyHeader> ReadHeader(zip_file_t* file, uint64_t entry_bytes, size_t* header_bytes) {
+  std::string bytes(std::min<uint64_t>(entry_bytes, kMaxNpyHeaderBytes), '\0');
+  if (!ReadFully(file, bytes.data(), bytes.size())) return Damaged("its packed bytes are damaged");
+  absl::StatusOr<NpyHeader> header = ParseNpyHeader(bytes, header_bytes);
+  if (!header.ok()) return header;
+  if (*header_bytes + static_cast<uint64_t>(header->values() * header->item_bytes) != entry_bytes) {
+    return Damaged("its shape does not match its size");
+  }
+  return header;
+}
+
+absl::Status CheckRows(const std::vector<int64_t>& rows, const NpyHeader& header, int64_t row_values) {
+  if (header.shape.empty()) return absl::FailedPreconditionError("has no rows");
+  int64_t last = -1;
+  for (const int64_t row : rows) {
+    if (row <= last || row >= header.shape[0]) {
+      return absl::OutOfRangeError(absl::StrCat("has no row ", row, " after ", last, " of ", header.shape[0]));
+    }
+    last = row;
+  }
+  if (!rows.empty() && row_values > kMaxReadValues / static_cast<int64_t>(rows.size())) {
+    return absl::ResourceExhaustedError("has too many values to read at once");
+  }
+  return absl::OkStatus();
+}
+
+// Unpacks 'rows' from 'file', which is at its beginning.
+absl::Status StreamRows(zip_file_t* file, const NpyHeader& header, size_t header_bytes,
+                        const std::vector<int64_t>& rows, int64_t row_values, std::vector<float>& values) {
+  const size_t row_bytes = static_cast<size_t>(row_values * header.item_bytes);
+  const Converter convert = ConverterOf(header);
+  std::string row(row_bytes, '\0');
+  if (!Skip(file, header_bytes)) return Damaged("its packed bytes are damaged");
+  int64_t next = 0;
+  for (const int64_t wanted : rows) {
+    if (!Skip(file, static_cast<size_t>(wanted - next) * row_bytes) || !ReadFully(file, row.data(), row_bytes)) {
+      return Damaged("its packed bytes are damaged");
+    }
+    for (int64_t i = 0; i < row_values; ++i) values.push_back(convert(row.data() + i * header.item_bytes));
+    next = wanted + 1;
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<NpzFile> NpzFile::Open(const std::string& path) {
+  absl::StatusOr<Archive> archive = OpenArchive(path);
+  if (!archive.ok()) return archive.status();
+  NpzFile npz(path);
+  const zip_int64_t count = zip_get_num_entries(archive->get(), 0);
+  for (zip_int64_t i = 0; i < count; ++i) {
+    zip_stat_t stat;
+    if (zip_stat_index(archive->get(), static_cast<zip_uint64_t>(i), 0, &stat) != 0 ||
+        (stat.valid & (ZIP_STAT_NAME | ZIP_STAT_SIZE)) != (ZIP_STAT_NAME | ZIP_STAT_SIZE)) {
+      return absl::DataLossError(absl::StrCat(path, " has an unreadable entry"));
+    }
+    const ArchiveEntry file(zip_fopen_index(archive->get(), static_cast<zip_uint64_t>(i), 0));
+    if (file == nullptr) return absl::DataLossError(absl::StrCat(path, " has an unreadable entry"));
+    Entry entry{std::string(absl::StripSuffix(stat.name, ".npy")), {}, 0};
+    absl::StatusOr<NpyHeader> header = ReadHeader(file.get(), stat.size, &entry.header_bytes);
+    // An array of a kind that is not read is no fault as long as nobody asks for it.
+    if (absl::IsUnimplemented(header.status())) continue;
+    if (!header.ok())
+      return absl::DataLossError(absl::StrCat(path, ": '", entry.name, "' is ", header.status().message()));
+    entry.header = *std::move(header);
+    npz.entries_.push_back(std::move(entry));
+  }
+  return npz;
+}
+
+const NpzFile::Entry* NpzFile::Find(absl::string_view name) const {
+  for (const Entry& entry : entries_) {
+    if (entry.name == name) return &entry;
+  }
+  return nullptr;
+}
+
+bool NpzFile::Has(absl::string_view name) const { return Find(name) != nullptr; }
+
+absl::StatusOr<NpyHeader> NpzFile::Header(absl::string_view name) const {
+  const Entry* entry = Find(name);
+  if (entry == nullptr) return absl::NotFoundError(absl::StrCat(path_, " has no readable array '", name, "'"));
+  return entry->header;
+}
+
+absl::StatusOr<NpyRows> NpzFile::ReadRows(absl::string_view name, const std::vector<int64_t>& rows) const {
+  const auto failed = [&](const absl::Status& status) {
+    return absl::Status(status.code(), absl::StrCat(path_, ": '", name, "' ", status.message()));
+  };
+  const Entry* entry = Find(name);
+  if (entry == nullptr) return absl::NotFoundError(absl::StrCat(path_, " has no readable array '", name, "'"));
+  const NpyHeader& header = entry->header;
+  const int64_t row_values = header.shape.empty() || header.shape[0] == 0 ? 0 : header.values() / header.shape[0];
+  if (absl::Status status = CheckRows(rows, header, row_values); !status.ok()) return failed(status);
+  absl::StatusOr<Archive> archive = OpenArchive(path_);
+  if (!archive.ok()) return archive.status();
+  ArchiveEntry file(zip_fopen(archive->get(), absl::StrCat(name, ".npy").c_str(), 0));
+  if (file == nullptr) file.reset(zip_fopen(archive->get(), std::string(name).c_str(), 0));
+  if (file == nullptr) return failed(Damaged("it cannot be opened"));
+  NpyRows result{header.shape, {}};
+  result.values.reserve(rows.size() * static_cast<size_t>(row_values));
+  const absl::Status status = StreamRows(file.get(), header, entry->header_bytes, rows, row_values, result.values);
+  if (!status.ok()) return failed(status);
+  return result;
+}
+
+}  // namespace holdfast

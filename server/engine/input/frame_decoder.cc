@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/input/frame_decoder.h"
+
+#include <new>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "server/engine/input/jpeg_check.h"
+#include "server/engine/input/png_check.h"
+
+namespace holdfast {
+namespace {
+
+int64_t BytesPerPixel(FrameEncoding encoding) { return encoding == FrameEncoding::kGray8 ? 1 : 3; }
+
+int64_t Pixels(ImageSize size) { return int64_t{size.width} * size.height; }
+
+absl::StatusOr<ImageSize> EncodedSize(absl::string_view bytes, const FrameFormat& format) {
+  switch (format.encoding) {
+    case FrameEncoding::kJpeg:
+      return CheckJpeg(bytes);
+    case FrameEncoding::kPng:
+      return CheckPng(bytes);
+    default:
+      return format.raw_size;
+  }
+}
+
+absl::StatusOr<cv::Mat> DecodeWithOpenCv(absl::string_view bytes, ImageSize size) {
+  char* data = const_cast<char*>(bytes.data());  // only read
+  const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8UC1, data);
+  cv::Mat image = cv::imdecode(encoded, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+  if (image.cols != size.width || image.rows != size.height) {
+    return absl::InvalidArgumentError("not a picture of the session's encoding, or broken");
+  }
+  return image;
+}
+
+// The picture in the colours of the third argument of cvtColor; may look into 'bytes'.
+absl::StatusOr<cv::Mat> Open(absl::string_view bytes, const FrameFormat& format, ImageSize size) {
+  if (IsRaw(format.encoding)) {
+    char* data = const_cast<char*>(bytes.data());  // only read
+    return cv::Mat(size.height, size.width, format.encoding == FrameEncoding::kGray8 ? CV_8UC1 : CV_8UC3, data);
+  }
+  if (format.encoding == FrameEncoding::kJpeg) return DecodeWithOpenCv(bytes, size);
+  if (absl::Status status = CheckPngData(bytes); !status.ok()) return status;
+  return DecodeWithOpenCv(PngWithoutMetadata(bytes), size);
+}
+
+void ToRgb(const cv::Mat& image, FrameEncoding encoding, cv::Mat& rgb) {
+  switch (encoding) {
+    case FrameEncoding::kRgb24:
+      image.copyTo(rgb);
+      return;
+    case FrameEncoding::kGray8:
+      cv::cvtColor(image, rgb, cv::COLOR_GRAY2RGB);
+      return;
+    default:
+      cv::cvtColor(image, rgb, cv::COLOR_BGR2RGB);
+  }
+}
+
+void ToGray(const cv::Mat& image, FrameEncoding encoding, GrayImage& gray) {
+  cv::Mat full = image;
+  if (image.channels() == 3) {
+    cv::cvtColor(image, full, encoding == FrameEncoding::kRgb24 ? cv::COLOR_RGB2GRAY : cv::COLOR_BGR2GRAY);
+  }
+  gray.pixels.resize(Pixels(gray.size));
+  cv::Mat out(gray.size.height, gray.size.width, CV_8UC1, gray.pixels.data());
+  if (full.size() == out.size()) {
+    full.copyTo(out);
+  } else {
+    const bool smaller = full.cols >= out.cols && full.rows >= out.rows;
+    cv::resize(full, out, out.size(), 0, 0, smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+  }
+}
+
+absl::StatusOr<RgbImage> Decode(absl::string_view bytes, const FrameFormat& format, ImageSize size, ImageSize target,
+                                GrayImage* gray) {
+  absl::StatusOr<cv::Mat> image = Open(bytes, format, size);
+  if (!image.ok()) return image.status();
+  if (gray != nullptr) ToGray(*image, format.encoding, *gray);
+  cv::Mat small = *image;
+  if (size != target) cv::resize(*image, small, {target.width, target.height}, 0, 0, cv::INTER_LINEAR);
+  RgbImage result{target, std::vector<uint8_t>(Pixels(target) * 3)};
+  cv::Mat rgb(target.height, target.width, CV_8UC3, result.pixels.data());
+  ToRgb(small, format.encoding, rgb);
+  return result;
+}
+
+}  // namespace
+
+absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& format) {
+  const absl::StatusOr<ImageSize> size = EncodedSize(bytes, format);
+  if (!size.ok()) return size.status();
+  if (size->width <= 0 || size->height <= 0) return absl::InvalidArgumentError("a picture without pixels");
+  if (Pixels(*size) > format.max_pixels) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(size->width, "x", size->height, " is more than ", format.max_pixels, " pixels"));
+  }
+  const int64_t wanted = Pixels(*size) * BytesPerPixel(format.encoding);
+  if (IsRaw(format.encoding) && static_cast<int64_t>(bytes.size()) != wanted) {
+    return absl::InvalidArgumentError(absl::StrCat(bytes.size(), " bytes, expected ", wanted));
+  }
+  return size;
+}
+
+absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size,
+                                     GrayImage* gray) {
+  const absl::StatusOr<ImageSize> size = FrameSize(bytes, format);
+  if (!size.ok()) return size.status();
+  try {
+    return Decode(bytes, format, *size, processing_size, gray);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("no memory to decode the frame");
+  } catch (const cv::Exception& e) {
+    if (e.code == cv::Error::StsNoMem) return absl::ResourceExhaustedError("no memory to decode the frame");
+    return absl::InvalidArgumentError("the picture is broken");
+  }
+}
+
+}  // namespace holdfast

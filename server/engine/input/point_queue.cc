@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/input/point_queue.h"
+
+#include <algorithm>
+#include <iterator>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
+#include "server/engine/input/point_check.h"
+
+namespace holdfast {
+namespace {
+
+// At one frame a client may well remove all points, add others, and change its mind; no more waits.
+constexpr int64_t kMaxChangesPerPoint = 4;
+constexpr int64_t kSpareChanges = 1024;  // for sessions of few points
+
+}  // namespace
+
+PointQueue::PointQueue(int max_points)
+    : max_points_(max_points), max_waiting_(kMaxChangesPerPoint * max_points + kSpareChanges) {}
+
+absl::Status PointQueue::CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points,
+                                    int64_t frame) const {
+  const int64_t fresh =
+      std::count_if(points.begin(), points.end(), [this](const PointQuery& p) { return !ids_.contains(p.id); });
+  if (absl::Status status = CheckPointCount(static_cast<int64_t>(ids_.size()) + fresh, max_points_); !status.ok()) {
+    return status;
+  }
+  return CheckRoom(list, static_cast<int64_t>(points.size()), frame);
+}
+
+absl::Status PointQueue::CheckRemovals(absl::string_view list, const std::vector<PointId>& ids) const {
+  return CheckRoom(list, static_cast<int64_t>(std::min(ids.size(), ids_.size())), frame_);
+}
+
+absl::Status PointQueue::CheckRoom(absl::string_view list, int64_t more, int64_t frame) const {
+  if ((frame == frame_ ? at_frame_ : 0) + more <= max_waiting_) return absl::OkStatus();
+  return OverloadError(list, absl::StrCat("at most ", max_waiting_, " changes of points may wait at one frame"),
+                       absl::ZeroDuration());
+}
+
+void PointQueue::StartFrame(int64_t frame) {
+  if (frame == frame_) return;
+  frame_ = frame;
+  ForgetPlaces();
+}
+
+void PointQueue::Seed(absl::string_view list, const std::vector<PointQuery>& points) {
+  for (size_t i = 0; i < points.size(); ++i) {
+    const PointId id = points[i].id;
+    const int64_t replaced = ForgetReplaced(id);
+    ids_.insert(id);
+    waiting_.push_back({{PointOp::Kind::kSeed, frame_, points[i], serial_++, replaced + 1}, list, i});
+    ++at_frame_;
+    newest_[id] = {std::prev(waiting_.end()), waiting_.end()};
+  }
+}
+
+int64_t PointQueue::ForgetReplaced(PointId id) {
+  const auto found = newest_.find(id);
+  if (found == newest_.end()) return 0;
+  const Newest replaced = found->second;
+  const int64_t seeds = replaced.seed->op.seeds;
+  Erase(replaced.seed);
+  if (replaced.removal != waiting_.end()) Erase(replaced.removal);
+  return seeds;
+}
+
+void PointQueue::Erase(Place place) {
+  waiting_.erase(place);
+  --at_frame_;
+}
+
+void PointQueue::Remove(const std::vector<PointId>& ids) {
+  for (const PointId id : ids) {
+    if (ids_.erase(id) == 0) continue;
+    waiting_.push_back({{PointOp::Kind::kRemove, frame_, {id}}, {}, 0});
+    ++at_frame_;
+    // A point from before this frame has no seed here: a later seed does not replace its removal.
+    if (const auto found = newest_.find(id); found != newest_.end()) found->second.removal = std::prev(waiting_.end());
+  }
+}
+
+void PointQueue::CheckPositions(ImageSize size, Violations& violations) const {
+  for (const Waiting& waiting : waiting_) {
+    if (waiting.op.kind != PointOp::Kind::kSeed) continue;
+    CheckPosition(waiting.list, waiting.index, waiting.op.query, size, violations);
+  }
+}
+
+std::vector<PointOp> PointQueue::Take(int64_t newest_frame) {
+  std::vector<PointOp> ops;
+  while (!waiting_.empty() && waiting_.front().op.frame <= newest_frame) {
+    ops.push_back(waiting_.front().op);
+    waiting_.pop_front();
+  }
+  if (newest_frame >= frame_) ForgetPlaces();
+  return ops;
+}
+
+void PointQueue::DropFrom(int64_t frame) {
+  while (!waiting_.empty() && waiting_.back().op.frame >= frame) waiting_.pop_back();
+  if (frame <= frame_) ForgetPlaces();
+}
+
+void PointQueue::ForgetPlaces() {
+  newest_.clear();
+  at_frame_ = 0;
+}
+
+}  // namespace holdfast

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <list>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+#include "absl/container/flat_hash_set.h"
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "api/errors.h"
+#include "api/types.h"
+
+namespace holdfast {
+
+// A change of the points, in the order of the stream.
+struct PointOp {
+  enum class Kind { kSeed, kRemove };
+  Kind kind = Kind::kSeed;
+  int64_t frame = 0;    // takes effect when this frame is there
+  PointQuery query;     // kRemove: only its id
+  uint64_t serial = 0;  // of a seed, unique within the session
+  int64_t seeds = 0;    // how many seeds of the stream it stands for: those it replaced and itself
+};
+
+// The changes of one session's points that have not been taken yet. Changes belong to the newest frame. A seed replaces
+// what waits of its id at its frame: the seed before it, whose track would have ended where it began, and the removal
+// of that. Other changes that a client might pile up at one frame are refused above a bound, so that no stream makes
+// the queue longer than that bound for each frame that waits. Not thread-safe.
+class PointQueue {
+ public:
+  explicit PointQueue(int max_points);
+
+  // Whether seeds at 'frame', the newest or the one to come, are within the limits: RESOURCE_EXHAUSTED says which one
+  // they exceed, 'list' the field.
+  absl::Status CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points, int64_t frame) const;
+  absl::Status CheckRemovals(absl::string_view list, const std::vector<PointId>& ids) const;
+
+  // Changes belong to 'frame' from now on. They belong to frame 0 from the beginning.
+  void StartFrame(int64_t frame);
+  int64_t frame() const { return frame_; }
+  // REQUIRES: the check has passed. 'list' outlives the queue.
+  void Seed(absl::string_view list, const std::vector<PointQuery>& points);
+  // Ids without a point are ignored.
+  void Remove(const std::vector<PointId>& ids);
+
+  // Adds the seeds that lie outside a frame of this size, by the names that they came with.
+  void CheckPositions(ImageSize size, Violations& violations) const;
+
+  // The changes up to 'newest_frame', in order.
+  std::vector<PointOp> Take(int64_t newest_frame);
+  void DropFrom(int64_t frame);
+  bool empty() const { return waiting_.empty(); }
+  int64_t size() const { return static_cast<int64_t>(waiting_.size()); }
+
+ private:
+  struct Waiting {
+    PointOp op;
+    absl::string_view list;  // a seed's place in its message
+    size_t index = 0;
+  };
+  using Place = std::list<Waiting>::iterator;
+  struct Newest {  // of one id at frame_
+    Place seed;
+    Place removal;  // of that seed; the list's end: none
+  };
+
+  absl::Status CheckRoom(absl::string_view list, int64_t more, int64_t frame) const;
+  // The number of seeds that the removed ones stood for.
+  int64_t ForgetReplaced(PointId id);
+  void Erase(Place place);
+  void ForgetPlaces();
+
+  const int64_t max_points_;
+  const int64_t max_waiting_;  // at one frame
+  std::list<Waiting> waiting_;
+  uint64_t serial_ = 0;  // of the next seed
+  int64_t frame_ = 0;
+  int64_t at_frame_ = 0;                         // how many of waiting_ belong to frame_
+  absl::flat_hash_map<PointId, Newest> newest_;  // ids whose last seed waits and belongs to frame_
+  absl::flat_hash_set<PointId> ids_;             // tracked once every change has taken effect
+};
+
+}  // namespace holdfast

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/input/session_config.h"
+
+#include <optional>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "api/errors.h"
+#include "server/engine/input/point_check.h"
+
+namespace holdfast {
+namespace {
+
+constexpr size_t kMaxLabelBytes = 128;
+constexpr int kSizeStep = 32;  // pixels
+
+int64_t Pixels(ImageSize size) { return int64_t{size.width} * size.height; }
+std::string ToString(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
+
+void CheckRawSize(const SessionConfig& config, const EngineOptions& options, Violations& violations) {
+  const ImageSize size = config.raw_size;
+  if (!IsRaw(config.encoding)) {
+    if (!size.empty()) violations.Add("config.raw_size", "only raw encodings have one");
+  } else if (size.width <= 0 || size.height <= 0) {
+    violations.Add("config.raw_size", "raw encodings need the size of the frames");
+  } else if (Pixels(size) > options.limits.max_frame_pixels) {
+    violations.Add("config.raw_size",
+                   absl::StrCat(ToString(size), " is more than ", options.limits.max_frame_pixels, " pixels"));
+  }
+}
+
+void CheckProcessingSize(ImageSize size, const EngineOptions& options, Violations& violations) {
+  if (size.width <= 0 || size.height <= 0 || size.width % kSizeStep != 0 || size.height % kSizeStep != 0) {
+    violations.Add("config.processing_size", absl::StrCat(ToString(size), " is not a multiple of ", kSizeStep));
+  } else if (Pixels(size) > options.max_processing_pixels) {
+    violations.Add("config.processing_size",
+                   absl::StrCat(ToString(size), " is more than ", options.max_processing_pixels, " pixels"));
+  }
+}
+
+// The hop of a session: the published chaining has only one.
+int DefaultHop(const EngineOptions& options, int window) {
+  return options.chaining == Chaining::kPublished ? window - 1 : options.hop_frames;
+}
+
+bool Switch(const std::optional<bool>& wanted, bool standard, const EngineOptions& options) {
+  return wanted.value_or(standard && options.chaining != Chaining::kPublished);
+}
+
+void CheckMotion(const SessionConfig& config, const SessionAccepted& accepted, const EngineOptions& options,
+                 Violations& violations) {
+  const bool published = options.chaining == Chaining::kPublished;
+  if (published && accepted.motion_prior) {
+    violations.Add("config.motion_prior", "the server's chaining of windows has none");
+  }
+  if (published && accepted.polish) violations.Add("config.polish", "the server's chaining of windows has none");
+  if (accepted.emit == Emit::kEveryFrame && !config.send_provisional) {
+    violations.Add("config.emit", "estimates of every frame are provisional; do not ask for final ones only");
+  }
+}
+
+void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options, Violations& violations) {
+  const int lowest = options.chaining == Chaining::kPublished ? accepted.window_frames - 1 : 1;
+  const int highest = accepted.window_frames - 1;
+  if (accepted.hop_frames < lowest || accepted.hop_frames > highest) {
+    violations.Add("config.hop_frames", absl::StrCat(accepted.hop_frames, " is not in ", lowest, " .. ", highest));
+  }
+  if (accepted.iterations < 1 || accepted.iterations > options.max_iterations) {
+    violations.Add("config.iterations", absl::StrCat(accepted.iterations, " is not in 1 .. ", options.max_iterations));
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const EngineOptions& options,
+                                          const ModelInfo& model) {
+  const int64_t count = static_cast<int64_t>(config.points.size());
+  if (absl::Status status = CheckPointCount(count, options.limits.max_points); !status.ok()) return status;
+  SessionAccepted accepted;
+  accepted.processing_size = config.processing_size.empty() ? options.processing_size : config.processing_size;
+  accepted.window_frames = model.window_frames;
+  accepted.hop_frames = config.hop_frames == 0 ? DefaultHop(options, model.window_frames) : config.hop_frames;
+  accepted.iterations = config.iterations == 0 ? options.iterations : config.iterations;
+  accepted.emit = config.emit;
+  accepted.motion_prior = Switch(config.motion_prior, options.motion_prior, options);
+  accepted.polish = Switch(config.polish, options.polish, options);
+  accepted.limits = options.limits;
+  Violations violations;
+  CheckRawSize(config, options, violations);
+  CheckProcessingSize(accepted.processing_size, options, violations);
+  CheckNumbers(accepted, options, violations);
+  CheckMotion(config, accepted, options, violations);
+  if (config.label.size() > kMaxLabelBytes) {
+    violations.Add("config.label", absl::StrCat("longer than ", kMaxLabelBytes, " bytes"));
+  }
+  std::optional<ImageSize> frame;
+  if (IsRaw(config.encoding) && config.raw_size.width > 0 && config.raw_size.height > 0) frame = config.raw_size;
+  violations.Append(CheckPoints("config.points", config.points, frame));
+  if (!violations.empty()) return violations.ToStatus();
+  return accepted;
+}
+
+}  // namespace holdfast

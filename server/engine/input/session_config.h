@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "absl/status/statusor.h"
+#include "api/types.h"
+#include "server/engine/engine.h"
+#include "server/engine/tracker_model.h"
+
+namespace holdfast {
+
+// What a session with this configuration gets: defaults filled in, session_id left empty. RESOURCE_EXHAUSTED at once
+// for too many points; INVALID_ARGUMENT names the fields that are wrong ("config.…").
+absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const EngineOptions& options,
+                                          const ModelInfo& model);
+
+}  // namespace holdfast

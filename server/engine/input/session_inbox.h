@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/synchronization/mutex.h"
+#include "api/clock.h"
+#include "api/errors.h"
+#include "api/types.h"
+#include "server/engine/engine.h"
+#include "server/engine/input/frame_decoder.h"
+#include "server/engine/input/point_queue.h"
+#include "server/engine/tracker_model.h"
+
+namespace holdfast {
+
+struct DecodedFrame {
+  int64_t index = 0;
+  SteadyTime arrival;
+  SteadyTime decoded;
+  RgbImage image;  // at the processing size
+};
+
+// What a stream has sent and the engine has not taken yet: bounded, checked, in order. Callers push, the decode pool
+// fills frames in, the compute thread takes them. Points are counted before anything else is done with them, and looked
+// at outside the lock that the compute thread takes. Thread-safe.
+class SessionInbox {
+ public:
+  struct Options {
+    FrameFormat format;
+    SessionLimits limits;
+    int max_pending_frames = 8;
+  };
+  explicit SessionInbox(const Options& options);
+
+  // --- The stream. The caller decides what follows an error: nothing has changed by then.
+  // Checks everything that the bytes' header can tell.
+  absl::StatusOr<Room> Push(Frame frame, SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
+  // 'list' names the field in errors and outlives the inbox. Queried at the newest frame, or at the first.
+  absl::Status AddPoints(absl::string_view list, const std::vector<PointQuery>& points) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status RemovePoints(const std::vector<PointId>& ids) ABSL_LOCKS_EXCLUDED(mutex_);
+  // No more input; the session ends with 'status' when it has worked off what is here. Only the first call counts.
+  void End(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Drops what is here.
+  void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
+  // The session is over: drops what is here, and later calls get 'status'.
+  void Close(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
+
+  // --- The decode pool.
+  // Empty: the frame has been dropped.
+  std::optional<std::string> TakeBytes(int64_t index) ABSL_LOCKS_EXCLUDED(mutex_);
+  // An error ends the session before this frame, whatever had ended it after. False: the frame has been dropped.
+  bool SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
+
+  // --- The compute thread.
+  // Frames that can be taken: decoded, without a gap.
+  int64_t ready() const ABSL_LOCKS_EXCLUDED(mutex_);
+  struct Taken {
+    std::vector<DecodedFrame> frames;
+    bool room = false;  // a stream that was told "full" has room again
+  };
+  // REQUIRES: count <= ready().
+  Taken TakeFrames(int64_t count) ABSL_LOCKS_EXCLUDED(mutex_);
+  std::vector<PointOp> TakeOps(int64_t newest_frame) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Ended, and nothing is left to take.
+  bool drained() const ABSL_LOCKS_EXCLUDED(mutex_);
+  bool cancelled() const ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status end_status() const ABSL_LOCKS_EXCLUDED(mutex_);
+  int64_t frames_received() const ABSL_LOCKS_EXCLUDED(mutex_);
+  // Frames dropped since the last call.
+  int64_t TakeDropped() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Known from the first frame on.
+  ImageSize frame_size() const ABSL_LOCKS_EXCLUDED(mutex_);
+
+ private:
+  struct Pending {
+    int64_t index = 0;
+    SteadyTime arrival;
+    std::string bytes;
+    std::optional<DecodedFrame> decoded;
+  };
+  absl::Status CheckOpenLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status CheckFrameLocked(const Frame& frame, const absl::StatusOr<ImageSize>& size) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // What AddPoints needs to look at points without the lock.
+  absl::StatusOr<std::optional<ImageSize>> SizeIfOpen() const ABSL_LOCKS_EXCLUDED(mutex_);
+  void DropFromLocked(int64_t index) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  Pending* FindLocked(int64_t index) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  int64_t ReadyLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  bool FullLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const Options options_;
+  mutable absl::Mutex mutex_;
+  std::deque<Pending> pending_ ABSL_GUARDED_BY(mutex_);  // consecutive frames
+  PointQueue points_ ABSL_GUARDED_BY(mutex_);
+  std::optional<ImageSize> frame_size_ ABSL_GUARDED_BY(mutex_);
+  int64_t received_ ABSL_GUARDED_BY(mutex_) = 0;
+  int64_t dropped_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool told_full_ ABSL_GUARDED_BY(mutex_) = false;
+  bool ended_ ABSL_GUARDED_BY(mutex_) = false;
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status end_status_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace holdfast

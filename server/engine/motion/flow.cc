@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/motion/flow.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+namespace holdfast {
+namespace {
+
+constexpr int kWindow = 21;      // side of the patch compared, pixels
+constexpr int kLevels = 3;       // of the pyramid beyond the picture itself
+constexpr int kPatchLevels = 1;  // a patch is looked for nearby: one halving reaches its limits
+constexpr int kSteps = 20;       // of the iteration, at each level
+constexpr double kStepEnds = 0.01;
+constexpr double kSizeOfProcessing = 1.5;  // of the picture, each way, at most; chosen on annotated real video
+constexpr int kMostSide = 2;               // times the larger processing side
+
+using Points = std::vector<cv::Point2f>;
+
+cv::Size Window() { return {kWindow, kWindow}; }
+
+cv::TermCriteria Criteria() { return {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, kSteps, kStepEnds}; }
+
+Points ToPoints(absl::Span<const FlowPoint> points) {
+  Points result;
+  result.reserve(points.size());
+  for (const FlowPoint& point : points) result.emplace_back(point.x, point.y);
+  return result;
+}
+
+// From 'from' to 'to', both pictures or both pyramids, and back again.
+struct RoundTrip {
+  Points to;
+  Points back;
+  std::vector<uint8_t> found;  // both ways
+  std::vector<float> difference;
+};
+
+// 'starts': where to begin to look in 'to'; empty: at the points themselves.
+RoundTrip GoAndReturn(cv::InputArray from, cv::InputArray to, const Points& points, const Points& starts, int levels) {
+  RoundTrip trip;
+  trip.to = starts;
+  std::vector<uint8_t> found_back;
+  std::vector<float> ignored;
+  const int flags = starts.empty() ? 0 : cv::OPTFLOW_USE_INITIAL_FLOW;
+  cv::calcOpticalFlowPyrLK(from, to, points, trip.to, trip.found, trip.difference, Window(), levels, Criteria(), flags);
+  if (!starts.empty()) trip.back = points;
+  cv::calcOpticalFlowPyrLK(to, from, trip.to, trip.back, found_back, ignored, Window(), levels, Criteria(), flags);
+  for (size_t i = 0; i < points.size(); ++i) trip.found[i] = trip.found[i] && found_back[i];
+  return trip;
+}
+
+bool Within(const cv::Point2f& a, const cv::Point2f& b, float limit) {
+  return std::hypot(a.x - b.x, a.y - b.y) <= limit;  // false for NaN
+}
+
+bool Accepted(const RoundTrip& trip, size_t i, const cv::Point2f& point, const cv::Point2f& start,
+              const FlowLimits& limits) {
+  return trip.found[i] && Within(trip.back[i], point, limits.round_trip) && Within(trip.to[i], start, limits.move) &&
+         trip.difference[i] < limits.difference;
+}
+
+// kSide x kSide pixels of the picture whose first is at 'corner'; its edges are repeated beyond them.
+cv::Mat Crop(const cv::Mat& picture, cv::Point corner) {
+  constexpr int kSide = FlowPatch::kSide;
+  const cv::Rect wanted(corner, cv::Size(kSide, kSide));
+  const cv::Rect there = wanted & cv::Rect(0, 0, picture.cols, picture.rows);
+  if (there == wanted) return picture(wanted);
+  cv::Mat crop;
+  const cv::Point before = there.tl() - wanted.tl(), after = wanted.br() - there.br();
+  cv::copyMakeBorder(picture(there), crop, before.y, after.y, before.x, after.x,
+                     cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
+  return crop;
+}
+
+// A corner such that the point lies in the middle of the crop. The point is moved into the picture first.
+cv::Point CornerAround(FlowPoint point, ImageSize size) {
+  const auto middle = [](float at, int length) {
+    return static_cast<int>(std::floor(std::clamp(at, 0.0f, static_cast<float>(length - 1))));
+  };
+  return {middle(point.x, size.width) - FlowPatch::kSide / 2, middle(point.y, size.height) - FlowPatch::kSide / 2};
+}
+
+double Area(ImageSize size) { return static_cast<double>(size.width) * size.height; }
+
+}  // namespace
+
+ImageSize FlowSize(ImageSize frame, ImageSize processing) {
+  if (Area(frame) <= Area(processing)) return processing;
+  const double most_side = kMostSide * std::max(processing.width, processing.height);
+  const double scale = std::min({1.0, kSizeOfProcessing * std::sqrt(Area(processing) / Area(frame)),
+                                 most_side / std::max(frame.width, frame.height)});
+  const auto scaled = [scale](int side) { return std::max(1, static_cast<int>(side * scale)); };
+  return {scaled(frame.width), scaled(frame.height)};
+}
+
+struct FlowPyramid::Levels {
+  std::vector<cv::Mat> images;  // with a border of a window around each
+};
+
+FlowPyramid::FlowPyramid(const GrayImage& image)
+    : size_(image.size), levels_([&image] {
+        const cv::Mat gray(image.size.height, image.size.width, CV_8UC1, const_cast<uint8_t*>(image.pixels.data()));
+        auto levels = std::make_unique<Levels>();
+        cv::buildOpticalFlowPyramid(gray, levels->images, Window(), kLevels, /*withDerivatives=*/false,
+                                    cv::BORDER_REFLECT_101, cv::BORDER_CONSTANT, /*tryReuseInputImage=*/false);
+        return levels;
+      }()) {}
+
+FlowPyramid::~FlowPyramid() = default;
+
+int64_t FlowPyramid::BytesOf(ImageSize size) {
+  int64_t bytes = 0;
+  for (int level = 0; level <= kLevels; ++level) {
+    bytes += int64_t{size.width + 2 * kWindow} * (size.height + 2 * kWindow);
+    size = {(size.width + 1) / 2, (size.height + 1) / 2};
+  }
+  return bytes;
+}
+
+int64_t FlowPyramid::MostBytes(ImageSize processing) {
+  // Of pictures of one area the longest has the most border.
+  const int longest = kMostSide * std::max(processing.width, processing.height);
+  const double area = kSizeOfProcessing * kSizeOfProcessing * Area(processing);
+  return BytesOf({longest, static_cast<int>(std::ceil(area / longest)) + 1});
+}
+
+std::vector<FlowStep> CarryPoints(const FlowPyramid& from, const FlowPyramid& to, absl::Span<const FlowPoint> points,
+                                  float max_round_trip) {
+  std::vector<FlowStep> steps;
+  if (points.empty()) return steps;
+  const Points here = ToPoints(points);
+  const RoundTrip trip = GoAndReturn(from.levels().images, to.levels().images, here, {}, kLevels);
+  steps.reserve(points.size());
+  for (size_t i = 0; i < points.size(); ++i) {
+    const bool held = trip.found[i] && Within(trip.back[i], here[i], max_round_trip);
+    steps.push_back({held ? FlowPoint{trip.to[i].x, trip.to[i].y} : points[i], held});
+  }
+  return steps;
+}
+
+std::vector<std::optional<FlowPoint>> FollowPoints(const FlowPyramid& from, const FlowPyramid& to,
+                                                   absl::Span<const FlowPoint> points,
+                                                   absl::Span<const FlowPoint> starts, const FlowLimits& limits) {
+  std::vector<std::optional<FlowPoint>> found(points.size());
+  if (points.empty()) return found;
+  const Points here = ToPoints(points), near = ToPoints(starts);
+  const RoundTrip trip = GoAndReturn(from.levels().images, to.levels().images, here, near, kLevels);
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (Accepted(trip, i, here[i], near[i], limits)) found[i] = FlowPoint{trip.to[i].x, trip.to[i].y};
+  }
+  return found;
+}
+
+FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at) {
+  const cv::Point corner = CornerAround(at, picture.size());
+  FlowPatch patch{{at.x - static_cast<float>(corner.x), at.y - static_cast<float>(corner.y)},
+                  std::vector<uint8_t>(static_cast<size_t>(FlowPatch::kSide) * FlowPatch::kSide)};
+  Crop(picture.levels().images[0], corner)
+      .copyTo(cv::Mat(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, patch.pixels.data()));
+  return patch;
+}
+
+std::optional<FlowPoint> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start,
+                                   const FlowLimits& limits) {
+  if (!std::isfinite(start.x) || !std::isfinite(start.y)) return std::nullopt;
+  const cv::Mat looked_for(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, const_cast<uint8_t*>(patch.pixels.data()));
+  const cv::Point corner = CornerAround(start, picture.size());
+  const cv::Point2f origin(corner);
+  const cv::Mat crop = Crop(picture.levels().images[0], corner);
+  const Points point{{patch.at.x, patch.at.y}}, near{cv::Point2f(start.x, start.y) - origin};
+  const RoundTrip trip = GoAndReturn(looked_for, crop, point, near, kPatchLevels);
+  if (!Accepted(trip, 0, point[0], near[0], limits)) return std::nullopt;
+  const cv::Point2f found = trip.to[0] + origin;
+  return FlowPoint{found.x, found.y};
+}
+
+}  // namespace holdfast

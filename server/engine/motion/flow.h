@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// Classical optical flow (pyramidal Lucas-Kanade) on grey pictures: pure functions of pictures and points. A point's
+// result depends on the pictures and on that point alone, whatever other points are asked for in the same call. Knows
+// no sessions and no windows; OpenCV stays behind this header. Safe to call from several threads.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "api/types.h"
+
+namespace holdfast {
+
+struct GrayImage {
+  ImageSize size;
+  std::vector<uint8_t> pixels;  // [height, width]
+};
+
+// The size in which frames are looked at. What is lost by processing a large frame at a small size is found again here:
+// it keeps its own size up to the area of 1.5 times the processing size each way, and twice its larger side. A frame
+// that has no more pixels than are processed gets the processing size.
+ImageSize FlowSize(ImageSize frame, ImageSize processing);
+
+struct FlowPoint {  // pixels of the grey picture; (0, 0) is the centre of the first one
+  float x = 0;
+  float y = 0;
+};
+
+// A grey picture and its halvings, made once for all points. Immutable.
+class FlowPyramid {
+ public:
+  explicit FlowPyramid(const GrayImage& image);
+  ~FlowPyramid();
+  FlowPyramid(const FlowPyramid&) = delete;
+  FlowPyramid& operator=(const FlowPyramid&) = delete;
+
+  ImageSize size() const { return size_; }
+  int64_t bytes() const { return BytesOf(size_); }
+  // Of the pyramid of a picture of this size.
+  static int64_t BytesOf(ImageSize size);
+  // The most that the pyramid of any frame takes.
+  static int64_t MostBytes(ImageSize processing);
+
+  struct Levels;
+  const Levels& levels() const { return *levels_; }
+
+ private:
+  const ImageSize size_;
+  const std::unique_ptr<const Levels> levels_;
+};
+using FlowPyramidPtr = std::shared_ptr<const FlowPyramid>;
+
+struct FlowStep {
+  FlowPoint at;
+  bool held = false;  // false: the point was not found again, and 'at' is where it came from
+};
+
+// Carries points from one picture to the next. A point counts as found when the way back ends within 'max_round_trip'
+// pixels of where it came from.
+std::vector<FlowStep> CarryPoints(const FlowPyramid& from, const FlowPyramid& to, absl::Span<const FlowPoint> points,
+                                  float max_round_trip);
+
+// When a place found near an estimate is better than the estimate.
+struct FlowLimits {
+  float round_trip = 0;  // the way back ends within so many pixels
+  float move = 0;        // and the place is within so many pixels of the estimate
+  float difference = 0;  // and the patches differ by less, a mean absolute difference of grey levels
+};
+
+// As CarryPoints, but looks near 'starts' only; empty where nothing within the limits is found.
+std::vector<std::optional<FlowPoint>> FollowPoints(const FlowPyramid& from, const FlowPyramid& to,
+                                                   absl::Span<const FlowPoint> points,
+                                                   absl::Span<const FlowPoint> starts, const FlowLimits& limits);
+
+// The surroundings of a point, cut out so that they can be looked for in pictures to come without the picture they are
+// from.
+struct FlowPatch {
+  static constexpr int kSide = 64;
+  static constexpr int64_t kBytes = int64_t{kSide} * kSide + 16;
+  FlowPoint at;                 // within the patch
+  std::vector<uint8_t> pixels;  // [kSide, kSide]
+};
+FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at);
+
+// Looks for the patch near 'start'; empty when nothing within the limits is found.
+std::optional<FlowPoint> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start,
+                                   const FlowLimits& limits);
+
+}  // namespace holdfast

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/tracks/confidence.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace holdfast {
+
+float ConfidenceFromLogit(float logit) { return std::isnan(logit) ? 0.0f : 1.0f / (1.0f + std::exp(-logit)); }
+
+float ConfidenceFromMatch(float similarity, float last_step) {
+  if (std::isnan(similarity) || std::isnan(last_step)) return 0.0f;
+  const float likeness = std::clamp((similarity - 0.1f) / 0.8f, 0.0f, 1.0f);
+  return likeness / (1.0f + last_step * last_step);
+}
+
+}  // namespace holdfast

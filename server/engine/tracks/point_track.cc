@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/tracks/point_track.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "server/engine/tracks/confidence.h"
+
+namespace holdfast {
+
+PointTrack::PointTrack(PointSeed seed, const WindowOptions& windows)
+    : seed_(std::move(seed)),
+      window_frames_(windows.frames),
+      polish_(windows.polish),
+      schedule_(windows, seed_.frame),
+      estimates_{Estimate{seed_.position, seed_.position}},
+      first_kept_(seed_.frame),
+      final_before_(seed_.frame + 1),
+      reportable_before_(seed_.frame + 1),
+      previous_(seed_.position),
+      sent_before_(seed_.frame) {}
+
+void PointTrack::End(int64_t last_frame, int64_t stop) {
+  ending_ = true;
+  last_frame_ = last_frame;
+  stop_ = stop;
+}
+
+std::optional<WindowPlan> PointTrack::Due(int64_t newest, bool stream_ended) const {
+  return schedule_.Next(std::min(newest, last_frame_), stream_ended && !ending_);
+}
+
+WindowRow PointTrack::Row(const WindowPlan& plan, absl::Span<const Position> carried) const {
+  WindowRow row;
+  row.feature = seed_.feature;
+  row.start.reserve(window_frames_);
+  const int64_t known_before = plan.from_query ? seed_.frame + 1 : estimated_before();
+  const auto carried_frames = static_cast<int64_t>(carried.size());
+  for (int64_t frame = plan.first; frame < plan.first + window_frames_; ++frame) {
+    if (frame < known_before || carried.empty()) {
+      row.start.push_back(plan.from_query ? seed_.position : At(std::min(frame, known_before - 1)).position);
+    } else {
+      row.start.push_back(carried[std::min(frame - known_before, carried_frames - 1)]);
+    }
+  }
+  if (!plan.from_query && !carried_.f2.empty()) row.carried = &carried_;
+  return row;
+}
+
+void PointTrack::Apply(const WindowPlan& plan, RowEstimate row, const FrameGeometry& geometry) {
+  for (int64_t frame = std::max(plan.first, final_before_); frame <= plan.last; ++frame) {
+    const Estimate estimate = Judge(row, frame - plan.first, geometry);
+    if (frame < estimated_before()) {
+      estimates_[frame - first_kept_] = estimate;
+    } else {
+      estimates_.push_back(estimate);
+    }
+  }
+  final_before_ = std::max(final_before_, plan.final_before);
+  if (!polish_) reportable_before_ = final_before_;
+  if (plan.kind == WindowKind::kFull) carried_ = std::move(row.templates);
+  schedule_.Ran(plan);
+}
+
+void PointTrack::Finalize() {
+  final_before_ = estimated_before();
+  if (!polish_) reportable_before_ = final_before_;
+}
+
+PointTrack::Unpolished PointTrack::unpolished() const {
+  Unpolished unpolished;
+  unpolished.first = reportable_before_;
+  unpolished.previous = previous_;
+  for (int64_t frame = reportable_before_; frame < final_before_; ++frame) {
+    unpolished.positions.push_back(At(frame).position);
+    unpolished.visible.push_back(At(frame).visible ? 1 : 0);
+  }
+  return unpolished;
+}
+
+void PointTrack::Polish(absl::Span<const Position> positions, const FrameGeometry& geometry) {
+  for (const Position& position : positions) {
+    Estimate& estimate = estimates_[reportable_before_ - first_kept_];
+    estimate.shown = position;
+    previous_ = estimate.visible ? std::optional<Position>(position) : std::nullopt;
+    estimate.visible = estimate.visible && geometry.Inside(position);
+    ++reportable_before_;
+  }
+}
+
+std::optional<PointRun> PointTrack::TakeRun(bool provisional, const FrameGeometry& geometry) {
+  const int64_t final_end = std::min(reportable_before_, stop_);
+  const int64_t end = provisional ? std::min(estimated_before(), stop_) : final_end;
+  if (end <= sent_before_) return std::nullopt;
+  PointRun run;
+  run.id = id();
+  run.first_frame = sent_before_;
+  run.final_count = std::max<int64_t>(final_end - sent_before_, 0);
+  for (int64_t frame = sent_before_; frame < end; ++frame) Append(frame, run, geometry);
+  sent_before_ = std::max(sent_before_, final_end);
+  Trim();
+  return run;
+}
+
+PointTrack::Estimate PointTrack::Judge(const RowEstimate& row, int64_t position, const FrameGeometry& geometry) const {
+  Estimate estimate;
+  estimate.position = estimate.shown = row.positions[position];
+  estimate.confidence = row.visibility_logit.empty()
+                            ? ConfidenceFromMatch(row.similarity[position], row.last_step[position])
+                            : ConfidenceFromLogit(row.visibility_logit[position]);
+  estimate.visible = estimate.confidence > kVisibleAbove && geometry.Inside(estimate.position);
+  return estimate;
+}
+
+void PointTrack::Append(int64_t frame, PointRun& run, const FrameGeometry& geometry) const {
+  const Estimate& estimate = At(frame);
+  const bool queried = frame == seed_.frame;  // reported exactly as it was given
+  run.x.push_back(queried ? seed_.query.x : geometry.ToFrameX(estimate.shown));
+  run.y.push_back(queried ? seed_.query.y : geometry.ToFrameY(estimate.shown));
+  run.visible.push_back(estimate.visible ? 1 : 0);
+  run.confidence.push_back(estimate.confidence);
+}
+
+void PointTrack::Trim() {
+  const int64_t keep = std::min({schedule_.oldest_start(), sent_before_, reportable_before_});
+  while (first_kept_ < keep && estimates_.size() > 1) {
+    estimates_.pop_front();
+    ++first_kept_;
+  }
+}
+
+}  // namespace holdfast

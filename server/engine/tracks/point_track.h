@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "api/types.h"
+#include "server/engine/tracker_model.h"
+#include "server/engine/tracks/geometry.h"
+#include "server/engine/tracks/window.h"
+
+namespace holdfast {
+
+struct PointSeed {
+  uint64_t serial = 0;         // tells this track from any other of its session
+  PointQuery query;            // the caller's pixels
+  int64_t frame = 0;           // queried at
+  Position position;           // the query in feature pixels
+  std::vector<float> feature;  // [C] f1, kept for ever
+};
+
+// One point from its query to its end: its windows and the estimates that are still of use. Depends on nothing but its
+// own seed and its own windows. Not thread-safe.
+class PointTrack {
+ public:
+  PointTrack(PointSeed seed, const WindowOptions& windows);
+
+  PointId id() const { return seed_.query.id; }
+  uint64_t serial() const { return seed_.serial; }
+  // Ends the track early: frames after 'last_frame' are not used any more, and those from 'stop' on not reported.
+  // Windows that are due by 'last_frame' still run, so that what is reported does not depend on the engine's pace.
+  void End(int64_t last_frame, int64_t stop);
+  bool ending() const { return ending_; }
+
+  std::optional<WindowPlan> Due(int64_t newest, bool stream_ended) const;
+  // 'carried': where the point may be on the frames after its newest estimate (after its query, where the window starts
+  // from there), as far as that is known; on those that remain it starts where it was last. Borrows from this track.
+  WindowRow Row(const WindowPlan& plan, absl::Span<const Position> carried) const;
+  void Apply(const WindowPlan& plan, RowEstimate estimate, const FrameGeometry& geometry);
+  // The estimates stand as they are: all of them become final.
+  void Finalize();
+  // The newest estimate, of frame estimated_before() - 1.
+  int64_t estimated_before() const { return first_kept_ + static_cast<int64_t>(estimates_.size()); }
+  Position newest_position() const { return estimates_.back().position; }
+  float newest_confidence() const { return estimates_.back().confidence; }
+  // The last frame of the next full window.
+  int64_t next_window_last() const { return schedule_.next_start() + window_frames_ - 1; }
+
+  // Final frames whose polished positions are not known: first .. first + positions.size() - 1.
+  struct Unpolished {
+    int64_t first = 0;
+    std::vector<Position> positions;
+    std::vector<uint8_t> visible;      // 0 or 1; hidden ones are not to be moved
+    std::optional<Position> previous;  // polished, on frame first - 1; empty: hidden there
+  };
+  bool waits_for_polish() const { return polish_ && reportable_before_ < final_before_; }
+  int64_t reportable_before() const { return reportable_before_; }
+  Unpolished unpolished() const;
+  // Of the frames from reportable_before() on.
+  void Polish(absl::Span<const Position> positions, const FrameGeometry& geometry);
+
+  // What is new since the last call: frames that became final, and with 'provisional' those after them.
+  std::optional<PointRun> TakeRun(bool provisional, const FrameGeometry& geometry);
+
+  // No full window to come needs an older frame.
+  int64_t oldest_frame_needed() const { return schedule_.next_start(); }
+  // Frames of this track before this one have been reported as final.
+  int64_t reported_before() const { return sent_before_; }
+  size_t estimates_kept() const { return estimates_.size(); }
+
+ private:
+  struct Estimate {
+    Position position;  // windows start from it
+    Position shown;     // what is reported: polished
+    float confidence = 1;
+    bool visible = true;
+  };
+  const Estimate& At(int64_t frame) const { return estimates_[frame - first_kept_]; }
+  Estimate Judge(const RowEstimate& row, int64_t position, const FrameGeometry& geometry) const;
+  void Append(int64_t frame, PointRun& run, const FrameGeometry& geometry) const;
+  void Trim();
+
+  PointSeed seed_;
+  int64_t window_frames_;
+  bool polish_;
+  WindowSchedule schedule_;
+  bool ending_ = false;
+  int64_t last_frame_ = std::numeric_limits<int64_t>::max();
+  int64_t stop_ = std::numeric_limits<int64_t>::max();
+  std::deque<Estimate> estimates_;  // of consecutive frames from first_kept_ on
+  int64_t first_kept_;
+  int64_t final_before_;
+  int64_t reportable_before_;         // final, and polished where that is wanted
+  std::optional<Position> previous_;  // reported on frame reportable_before_ - 1; empty: hidden there
+  int64_t sent_before_;               // frames before this one were reported as final
+  CarriedTemplates carried_;
+};
+
+}  // namespace holdfast

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+#include "absl/types/span.h"
+#include "api/types.h"
+#include "server/engine/tracker_model.h"
+#include "server/engine/tracks/feature_cache.h"
+#include "server/engine/tracks/geometry.h"
+#include "server/engine/tracks/point_track.h"
+#include "server/engine/tracks/window.h"
+
+namespace holdfast {
+
+// A row that is due: one point in one window.
+struct DueRow {
+  PointTrack* track = nullptr;
+  WindowPlan plan;
+  std::vector<Position> carried;  // as PointTrack::Row takes it
+};
+
+// The points of one session and the features they need, and nothing else: no threads, no queue, no network. Memory is
+// bounded by the points and the window, whatever the length of the video. Not thread-safe.
+class TrackSet {
+ public:
+  TrackSet(const WindowOptions& windows, bool provisional) : windows_(windows), provisional_(provisional) {}
+
+  // Before the first seed.
+  void SetGeometry(const FrameGeometry& geometry) { geometry_ = geometry; }
+  const FrameGeometry& geometry() const { return geometry_; }
+
+  void AddFrame(FrameFeaturesPtr features) { cache_.Push(std::move(features)); }
+  // A track of this id ends before the seed's frame. REQUIRES: the seed's frame is in the cache.
+  void Seed(PointSeed seed);
+  // The id's track ends after 'frame'. Unknown ids are ignored.
+  void Remove(PointId id, int64_t frame);
+
+  // Rows to run, oldest window first; at most one a point. 'ended': no frame will follow.
+  std::vector<DueRow> Due(bool ended) const;
+  bool AnyDue(bool ended) const;
+  // Input of rows that share a plan. Borrows from their tracks.
+  WindowGroup Group(absl::Span<const DueRow> rows) const;
+  // Takes a row's result; the run to report, if there is one. A track that waits to be polished reports afterwards.
+  std::optional<PointRun> Apply(const DueRow& row, RowEstimate estimate);
+
+  // Tracks that wait to be polished.
+  std::vector<PointTrack*> Unpolished();
+  // REQUIRES: 'track' was taken, and 'positions' are those of all frames it had unpolished then.
+  std::optional<PointRun> Polish(PointTrack& track, absl::Span<const Position> positions);
+  bool AnyUnpolished() const;
+  // No frame before this one is of use for polishing.
+  int64_t oldest_for_polish() const;
+
+  // Drops tracks that have ended and whose windows have run; their last runs.
+  std::vector<PointRun> TakeEnded();
+  // All estimates become final as they stand. REQUIRES: !AnyDue(true).
+  void FinalizeAll();
+  // As FinalizeAll; the last runs. REQUIRES: !AnyDue(true), and nothing waits to be polished once all is final.
+  std::vector<PointRun> FinishAll();
+  // Drops everything as it stands; the number of tracks there were.
+  int64_t Clear();
+  // Serial numbers of the tracks dropped since the last call.
+  std::vector<uint64_t> TakeDropped() { return std::exchange(dropped_, {}); }
+  // Forgets the frames that no window to come needs.
+  void Evict();
+
+  const FeatureCache& cache() const { return cache_; }
+  int64_t tracks() const { return static_cast<int64_t>(tracks_.size()); }
+  // Frames before this one have been reported as final for every point.
+  int64_t reported_before() const;
+
+ private:
+  void EndTrack(PointId id, int64_t last_frame, int64_t stop);
+  // Calls 'visit' for each row that is due until it returns false.
+  template <typename Visit>
+  void VisitDue(bool ended, Visit visit) const;
+
+  const WindowOptions windows_;
+  const bool provisional_;
+  FrameGeometry geometry_;
+  FeatureCache cache_;
+  std::vector<std::unique_ptr<PointTrack>> tracks_;  // in the order they were seeded
+  absl::flat_hash_map<PointId, PointTrack*> live_;   // the tracks that have not been ended
+  std::vector<uint64_t> dropped_;                    // serial numbers
+};
+
+}  // namespace holdfast

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/interrupt.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdlib>
+
+#include "absl/synchronization/notification.h"
+
+namespace holdfast {
+namespace {
+
+TEST(StopSignalTest, TheCallbackRunsOnceAndNotAfterItIsTakenAway) {
+  StopSignal stop;
+  int calls = 0;
+  stop.SetCallback([&calls] { ++calls; });
+  EXPECT_FALSE(stop.stopped());
+  EXPECT_EQ(stop.signal(), 0);
+  EXPECT_TRUE(stop.Stop(SIGTERM));
+  EXPECT_FALSE(stop.Stop()) << "it is stopped already";
+  EXPECT_TRUE(stop.stopped());
+  EXPECT_EQ(stop.signal(), SIGTERM);
+  EXPECT_EQ(calls, 1);
+
+  StopSignal other;
+  other.SetCallback([&calls] { ++calls; });
+  other.SetCallback(nullptr);
+  EXPECT_FALSE(other.Stop()) << "nobody listens";
+  EXPECT_TRUE(other.stopped());
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(StopSignalTest, ACallbackThatComesLateRunsAtOnce) {
+  StopSignal stop;
+  stop.Stop();
+  bool called = false;
+  stop.SetCallback([&called] { called = true; });
+  EXPECT_TRUE(called);
+}
+
+TEST(InterruptWatcherTest, AnInterruptStopsInsteadOfKilling) {
+  StopSignal stop;
+  absl::Notification stopped;
+  stop.SetCallback([&stopped] { stopped.Notify(); });
+  const InterruptWatcher watcher(stop);
+  kill(getpid(), SIGINT);
+  stopped.WaitForNotification();
+  EXPECT_TRUE(stop.stopped());
+}
+
+// Runs until a signal ends the process.
+[[noreturn]] void ReceiveTwice(int first, int second) {
+  StopSignal stop;
+  absl::Notification stopped;
+  stop.SetCallback([&stopped] { stopped.Notify(); });
+  const InterruptWatcher watcher(stop);
+  kill(getpid(), first);
+  stopped.WaitForNotification();
+  kill(getpid(), second);
+  absl::Notification().WaitForNotification();
+  std::abort();
+}
+
+[[noreturn]] void ReceiveWithoutListener(int signal) {
+  StopSignal stop;
+  const InterruptWatcher watcher(stop);
+  kill(getpid(), signal);
+  absl::Notification().WaitForNotification();
+  std::abort();
+}
+
+TEST(InterruptWatcherTest, ASecondInterruptEndsTheProcess) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(ReceiveTwice(SIGINT, SIGINT), ::testing::ExitedWithCode(130), "");
+  EXPECT_EXIT(ReceiveTwice(SIGINT, SIGTERM), ::testing::ExitedWithCode(143), "");
+}
+
+TEST(InterruptWatcherTest, AnInterruptThatNobodyListensToEndsTheProcess) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(ReceiveWithoutListener(SIGINT), ::testing::ExitedWithCode(130), "");
+  EXPECT_EXIT(ReceiveWithoutListener(SIGTERM), ::testing::ExitedWithCode(143), "");
+}
+
+}  // namespace
+}  // namespace holdfast

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/track_extent.h"
+
+#include <gtest/gtest.h>
+
+namespace holdfast {
+namespace {
+
+TEST(TrackExtentTest, DescribesWhatIsThereWhatIsFinalAndWhatIsMissing) {
+  EXPECT_EQ(Describe({72, 64, 120, false}), "frames 0..71 of 120 (0..63 are final), 72..119 are missing");
+  EXPECT_EQ(Describe({72, 72, 73, false}), "frames 0..71 of 73 (all final), 72 is missing");
+  EXPECT_EQ(Describe({8, 1, 8, false}), "frames 0..7 of 8 (0 is final), none is missing");
+  EXPECT_EQ(Describe({1, 0, 120, false}), "frame 0 of 120 (none final), 1..119 are missing");
+}
+
+}  // namespace
+}  // namespace holdfast

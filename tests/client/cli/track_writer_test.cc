@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/track_writer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <zip.h>
+
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "io/atomic_file.h"
+#include "io/npz_writer.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+// Two points on three frames: the first with a provisional end, the second from frame 1 on and once hidden.
+TrackTable Example() {
+  TrackTable table({{{4, 0, 0}, 0, "nose \"x\""}, {{9, 0, 0}, 1, "9"}});
+  const PointRun first{4, 0, {1.25f, 2.0004f, 3}, {10, 20, 30}, {1, 1, 1}, {0.5f, 0.25f, 1}, 2};
+  const PointRun second{9, 1, {7, 8}, {70, 80}, {0, 1}, {0.125f, 1}, 2};
+  EXPECT_THAT(table.Apply({{first, second}, 3, 3}), IsOk());
+  return table;
+}
+
+constexpr VideoFacts kVideo{{64, 48}, 10};
+
+constexpr TrackExtent Complete(int64_t frames) { return {frames, frames, frames, true}; }
+constexpr TrackExtent kPartial{3, 2, 7, false};
+
+std::string Content(const std::string& path) {
+  std::stringstream out;
+  out << std::ifstream(path, std::ios::binary).rdbuf();
+  return out.str();
+}
+
+std::string ZipMember(const std::string& path, const std::string& name) {
+  zip_t* archive = zip_open(path.c_str(), ZIP_RDONLY, nullptr);
+  if (archive == nullptr) return "no archive";
+  zip_file_t* file = zip_fopen(archive, name.c_str(), 0);
+  std::string bytes(4096, '\0');
+  bytes.resize(file == nullptr ? 0 : static_cast<size_t>(zip_fread(file, bytes.data(), bytes.size())));
+  if (file != nullptr) zip_fclose(file);
+  zip_discard(archive);
+  return bytes;
+}
+
+TEST(TrackWriterTest, TheSuffixChoosesTheFormat) {
+  EXPECT_THAT(TrackFormatOf("a/b.json"), IsOkAndHolds(TrackFormat::kJson));
+  EXPECT_THAT(TrackFormatOf("b.CSV"), IsOkAndHolds(TrackFormat::kCsv));
+  EXPECT_THAT(TrackFormatOf("b.npz"), IsOkAndHolds(TrackFormat::kNpz));
+  EXPECT_THAT(TrackFormatOf("b.npy"), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("b.npy")));
+}
+
+TEST(TrackWriterTest, JsonHoldsTheEstimatesOfEachPointAndSaysHowMuchThereIs) {
+  const TempDir dir;
+  ASSERT_THAT(WriteTracks(dir.File("t.json"), Example(), kVideo, kPartial), IsOk());
+  const auto json = nlohmann::json::parse(Content(dir.File("t.json")));
+  EXPECT_EQ(json["width"], 64);
+  EXPECT_EQ(json["height"], 48);
+  EXPECT_EQ(json["fps"], 10);
+  EXPECT_EQ(json["frames"], 3);
+  EXPECT_EQ(json["complete"], false);
+  EXPECT_EQ(json["final_frames"], 2);
+  EXPECT_EQ(json["expected_frames"], 7);
+  ASSERT_EQ(json["points"].size(), 2u);
+  EXPECT_EQ(json["points"][0], nlohmann::json::parse(R"({"id": 4, "name": "nose \"x\"",
+      "frames": [0, 1, 2], "xy": [[1.25, 10], [2.0, 20], [3, 30]], "visible": [true, true, true],
+      "confidence": [0.5, 0.25, 1]})"));
+  EXPECT_EQ(json["points"][1]["frames"], nlohmann::json::parse("[1, 2]"));
+  EXPECT_EQ(json["points"][1]["visible"], nlohmann::json::parse("[false, true]"));
+}
+
+TEST(TrackWriterTest, ACompleteFileSaysSo) {
+  const TempDir dir;
+  TrackTable table({{{4, 0, 0}, 0, "4"}});
+  ASSERT_THAT(table.Apply({{{4, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 2}}, 2, 2}), IsOk());
+  ASSERT_THAT(WriteTracks(dir.File("t.json"), table, kVideo, Complete(2)), IsOk());
+  const auto json = nlohmann::json::parse(Content(dir.File("t.json")));
+  EXPECT_EQ(json["complete"], true);
+  for (const char* key : {"frames", "final_frames", "expected_frames"}) EXPECT_EQ(json[key], 2) << key;
+  ASSERT_THAT(WriteTracks(dir.File("t.npz"), table, kVideo, Complete(2)), IsOk());
+  EXPECT_EQ(ZipMember(dir.File("t.npz"), "complete.npy").back(), '\1');
+}
+
+TEST(TrackWriterTest, CsvHasALineForEachEstimate) {
+  const TempDir dir;
+  ASSERT_THAT(WriteTracks(dir.File("t.csv"), Example(), kVideo, kPartial), IsOk());
+  EXPECT_EQ(
+      Content(dir.File("t.csv")),
+      "id,frame,x,y,visible,confidence\n4,0,1.250,10.000,1,0.500\n4,1,2.000,20.000,1,0.250\n4,2,3.000,30.000,1,1.000\n"
+      "9,1,7.000,70.000,0,0.125\n9,2,8.000,80.000,1,1.000\n");
+}
+
+TEST(TrackWriterTest, NpzHoldsArraysOverPointsAndFramesWithNanWhereThereIsNoEstimate) {
+  const TempDir dir;
+  ASSERT_THAT(WriteTracks(dir.File("t.npz"), Example(), kVideo, kPartial), IsOk());
+  const std::string tracks = ZipMember(dir.File("t.npz"), "tracks.npy");
+  EXPECT_THAT(tracks, HasSubstr("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 2), }"));
+  ASSERT_EQ(tracks.size(), 128 + 12 * sizeof(float));
+  float xy[12];
+  std::memcpy(xy, tracks.data() + 128, sizeof(xy));
+  EXPECT_EQ(xy[0], 1.25f);
+  EXPECT_EQ(xy[3], 20.0f);
+  EXPECT_EQ(xy[4], 3.0f);          // provisional
+  EXPECT_TRUE(std::isnan(xy[6]));  // before the point's start
+  EXPECT_EQ(xy[8], 7.0f);
+  const std::string visible = ZipMember(dir.File("t.npz"), "visible.npy");
+  EXPECT_THAT(visible, HasSubstr("'|b1'"));
+  EXPECT_EQ(visible.substr(visible.size() - 6), std::string("\1\1\1\0\0\1", 6));
+  EXPECT_THAT(ZipMember(dir.File("t.npz"), "ids.npy"), HasSubstr("'shape': (2,), }"));
+}
+
+TEST(TrackWriterTest, NumpyReadsTheNpz) {
+  if (std::system("/usr/bin/python3 -c 'import numpy' 2>/dev/null") != 0) GTEST_SKIP() << "NumPy is not installed";
+  const TempDir dir;
+  ASSERT_THAT(WriteTracks(dir.File("t.npz"), Example(), kVideo, kPartial), IsOk());
+  std::ofstream(dir.File("check.py")) << R"(
+import numpy, sys
+f = numpy.load(sys.argv[1])
+assert f['tracks'].shape == (2, 3, 2) and f['tracks'].dtype == numpy.float32
+assert f['tracks'][1, 1].tolist() == [7, 70] and numpy.isnan(f['tracks'][1, 0]).all()
+assert f['visible'].dtype == bool and f['visible'].tolist() == [[True, True, True], [False, False, True]]
+assert f['confidence'].dtype == numpy.float32 and f['confidence'].tolist() == [[.5, .25, 1], [0, .125, 1]]
+assert f['complete'].dtype == bool and f['complete'].shape == () and not f['complete']
+assert f['final_frames'].dtype == numpy.int64 and f['final_frames'] == 2 and f['expected_frames'] == 7
+assert f['ids'].dtype == numpy.int64 and f['ids'].tolist() == [4, 9]
+)";
+  EXPECT_EQ(std::system(("/usr/bin/python3 " + dir.File("check.py") + " " + dir.File("t.npz")).c_str()), 0);
+}
+
+TEST(TrackWriterTest, ATableWithoutFramesIsWrittenToo) {
+  const TempDir dir;
+  const TrackTable table({{{1, 0, 0}, 0, "1"}});
+  for (const char* name : {"t.json", "t.csv", "t.npz"})
+    EXPECT_THAT(WriteTracks(dir.File(name), table, kVideo, Complete(0)), IsOk());
+  EXPECT_THAT(ZipMember(dir.File("t.npz"), "tracks.npy"), HasSubstr("(1, 0, 2)"));
+}
+
+TEST(NpyFileTest, DataBeginsAtAMultipleOf64) {
+  for (int64_t n : {1, 10, 1000000}) {
+    const std::string file = NpyFile("<f4", {n, n, n, n, n}, "data");
+    EXPECT_THAT(file, StartsWith("\x93NUMPY\x01"));
+    EXPECT_EQ((file.size() - 4) % 64, 0u);
+    EXPECT_EQ(file[file.size() - 5], '\n');
+  }
+}
+
+TEST(WriteAtomicallyTest, AFailureLeavesTheOldFileAndNoLitter) {
+  const TempDir dir;
+  const std::string path = dir.File("result.txt");
+  std::ofstream(path) << "old";
+  const absl::Status failed = WriteAtomically(path, [](const std::string& temporary) {
+    std::ofstream(temporary) << "half";
+    return absl::DataLossError("the disk is full");
+  });
+  EXPECT_THAT(failed, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("result.txt: the disk is full")));
+  EXPECT_EQ(Content(path), "old");
+  EXPECT_EQ(dir.Count(), 1u);
+}
+
+TEST(WriteAtomicallyTest, TheTemporaryFileKeepsTheSuffixAndTheDirectory) {
+  EXPECT_THAT(TemporaryName("/a/b.npz"), StartsWith("/a/.b."));
+  EXPECT_THAT(TemporaryName("/a/b.npz"), ::testing::EndsWith(".npz"));
+}
+
+TEST(CheckWritableTest, WhereNoFileCanBeMadeIsNamed) {
+  const TempDir dir;
+  EXPECT_THAT(CheckWritable(dir.File("a.json")), IsOk());
+  EXPECT_EQ(dir.Count(), 0u) << "what was tried is gone";
+  // Not even root makes files there.
+  EXPECT_THAT(CheckWritable("/proc/a.json"), StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("/proc/a.json")));
+  EXPECT_THAT(CheckWritable("a.json"), IsOk());
+  EXPECT_THAT(CheckWritable(dir.File("no/a.json")), StatusIs(absl::StatusCode::kNotFound, HasSubstr("/no")));
+  EXPECT_FALSE(CheckWritable(dir.path().string()).ok());
+}
+
+}  // namespace
+}  // namespace holdfast

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/video.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <opencv2/imgcodecs.hpp>
+#include <vector>
+
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::HasSubstr;
+
+cv::Mat Flat(int width, int height, int value) { return {height, width, CV_8UC3, cv::Scalar::all(value)}; }
+
+TEST(FrameSourceTest, ADirectoryGivesItsPicturesInTheOrderOfTheirNames) {
+  const TempDir dir;
+  cv::imwrite(dir.File("b.png"), Flat(8, 6, 20));
+  cv::imwrite(dir.File("a.PNG"), Flat(8, 6, 10));
+  cv::imwrite(dir.File("c.jpg"), Flat(8, 6, 30));
+  std::ofstream(dir.File("notes.txt")) << "not a frame";
+  const auto source = FrameSource::Open(dir.path().string());
+  ASSERT_THAT(source, IsOk());
+  EXPECT_EQ((*source)->size(), (ImageSize{8, 6}));
+  EXPECT_EQ((*source)->frames(), 3);
+  for (int value : {10, 20, 30}) {
+    const auto frame = (*source)->Next();
+    ASSERT_THAT(frame, IsOk());
+    ASSERT_FALSE(frame->empty());
+    EXPECT_NEAR(frame->at<cv::Vec3b>(3, 3)[0], value, 2);
+  }
+  EXPECT_TRUE((*source)->Next()->empty());
+}
+
+TEST(FrameSourceTest, FramesOfAnotherSizeAreErrorsThatNameTheFrame) {
+  const TempDir dir;
+  cv::imwrite(dir.File("0.png"), Flat(8, 6, 0));
+  cv::imwrite(dir.File("1.png"), Flat(8, 7, 0));
+  const auto source = FrameSource::Open(dir.path().string());
+  ASSERT_THAT(source, IsOk());
+  EXPECT_THAT((*source)->Next(), IsOk());
+  EXPECT_THAT((*source)->Next(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("frame 1 is 8x7")));
+}
+
+TEST(FrameSourceTest, APictureThatDoesNotDecodeIsNamed) {
+  const TempDir dir;
+  cv::imwrite(dir.File("0.png"), Flat(8, 6, 0));
+  std::ofstream(dir.File("1.png")) << "broken";
+  const auto source = FrameSource::Open(dir.path().string());
+  ASSERT_THAT(source, IsOk());
+  EXPECT_THAT((*source)->Next(), IsOk());
+  EXPECT_THAT((*source)->Next(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("1.png")));
+}
+
+TEST(FrameSourceTest, AVideoFileGivesAllItsFrames) {
+  const auto source = FrameSource::Open(HOLDFAST_SOURCE_DIR "/media/pedestrians.mp4");
+  ASSERT_THAT(source, IsOk());
+  EXPECT_EQ((*source)->size(), (ImageSize{768, 576}));
+  EXPECT_EQ((*source)->fps(), 10);
+  EXPECT_EQ((*source)->frames(), 160);
+  int frames = 0;
+  while (!(*source)->Next()->empty()) ++frames;
+  EXPECT_EQ(frames, 160);
+}
+
+TEST(FrameSourceTest, InputsThatAreNoVideoAreNamed) {
+  const TempDir dir;
+  EXPECT_THAT(FrameSource::Open(dir.File("none.mp4")), StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.mp4")));
+  EXPECT_THAT(FrameSource::Open(dir.path().string()), StatusIs(absl::StatusCode::kNotFound, HasSubstr("no .jpg")));
+  std::ofstream(dir.File("text.mp4")) << "not a video";
+  EXPECT_THAT(FrameSource::Open(dir.File("text.mp4")),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("text.mp4")));
+  EXPECT_THAT(FrameSource::Open("camera:first"), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("camera:0")));
+  EXPECT_THAT(FrameSource::Open("camera:987"), StatusIs(absl::StatusCode::kNotFound, HasSubstr("camera:987")));
+}
+
+TEST(FrameEncoderTest, LargeFramesAreSentSmallerAndPositionsFollow) {
+  const FrameEncoder encoder({200, 100}, 50, 90);
+  EXPECT_EQ(encoder.sent_size(), (ImageSize{50, 25}));
+  const auto bytes = encoder.Encode(Flat(200, 100, 7));
+  ASSERT_THAT(bytes, IsOk());
+  const cv::Mat decoded = cv::imdecode(std::vector<char>(bytes->begin(), bytes->end()), cv::IMREAD_COLOR);
+  EXPECT_EQ(decoded.size(), cv::Size(50, 25));
+  EXPECT_NEAR(decoded.at<cv::Vec3b>(9, 9)[1], 7, 2);
+  EXPECT_EQ(encoder.ToSent({3, 100, 40}).x, 25);
+  EXPECT_EQ(encoder.ToSent({3, 100, 40}).y, 10);
+  EXPECT_EQ(encoder.ToSent({3, 199, 99}).x, 49) << "the last column stays inside";
+  PointRun run;
+  run.x = {25};
+  run.y = {10};
+  encoder.FromSent(run);
+  EXPECT_EQ(run.x[0], 100);
+  EXPECT_EQ(run.y[0], 40);
+}
+
+TEST(FrameEncoderTest, SmallFramesAreSentAsTheyAre) {
+  EXPECT_EQ(FrameEncoder({200, 100}, 0, 90).sent_size(), (ImageSize{200, 100}));
+  EXPECT_EQ(FrameEncoder({200, 100}, 200, 90).sent_size(), (ImageSize{200, 100}));
+  EXPECT_EQ(FrameEncoder({4000, 1}, 40, 90).sent_size(), (ImageSize{40, 1}));
+}
+
+}  // namespace
+}  // namespace holdfast

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the engine does under load and when things fail: bounds, fairness, refusal, cancellation, metrics.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <new>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "api/errors.h"
+#include "server/engine/batcher.h"
+#include "tests/server/engine/engine_fixture.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::Each;
+using ::testing::ElementsAre;
+using ::testing::Ge;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Le;
+using ::testing::SizeIs;
+
+TEST_F(EngineTest, MemoryAfter2000FramesIsThatAfter200) {
+  RecordingListener listener;
+  SessionConfig config = Config({{1, 1, 1}, {2, 2, 2}});
+  config.motion_prior = config.polish = false;  // features alone
+  auto session = Open(config, listener);
+  PushFrames(*session, listener, 0, 200);
+  listener.AwaitFinal(1, 170);
+  // What was cached may be up to what the session was admitted with; never more.
+  const int64_t admitted = 24 + 8 + options_.max_pending_frames;
+  EXPECT_LE(counts_->max_alive, admitted + options_.max_batch_frames);
+  PushFrames(*session, listener, 200, 2000);
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  EXPECT_LE(counts_->max_alive, admitted + options_.max_batch_frames);
+  EXPECT_LE(metrics_.totals().max_cache_bytes, admitted * FakeTrackerModel::kFrameBytes);
+  EXPECT_EQ(counts_->alive, 0);
+  EXPECT_THAT(listener.Final(2), SizeIs(2000));
+}
+
+TEST_F(EngineTest, RefusesFramesWithoutRoomAndSaysWhenThereIsRoomAgain) {
+  Gate gate;
+  model_->before_encode = [&gate] { gate.Pass(); };
+  options_.max_pending_frames = 2;
+  RecordingListener listener;
+  auto session = Open(Config({{1, 1, 1}}), listener);
+  EXPECT_THAT(listener.Push(*session, MakeFrame(0)), IsOkAndHolds(Room::kAvailable));
+  gate.AwaitWaiting();  // frame 0 is being encoded
+  EXPECT_THAT(listener.Push(*session, MakeFrame(1)), IsOkAndHolds(Room::kAvailable));
+  EXPECT_THAT(listener.Push(*session, MakeFrame(2)), IsOkAndHolds(Room::kFull));
+  EXPECT_THAT(session->PushFrame(MakeFrame(3)), StatusIs(absl::StatusCode::kFailedPrecondition));
+  gate.Open();
+  ASSERT_THAT(listener.Push(*session, MakeFrame(3)), IsOk());
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  EXPECT_THAT(listener.Final(1), SizeIs(4));
+}
+
+TEST_F(EngineTest, CancellingDropsWhatWasNotBegun) {
+  Gate gate;
+  model_->before_encode = [&gate] { gate.Pass(); };
+  RecordingListener listener;
+  auto session = Open(Config({{1, 1, 1}}), listener);
+  ASSERT_THAT(session->PushFrame(MakeFrame(0)), IsOk());
+  gate.AwaitWaiting();
+  ASSERT_THAT(session->PushFrame(MakeFrame(1)), IsOk());
+  session->Cancel();
+  gate.Open();
+  EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kCancelled));
+  EXPECT_EQ(counts_->frames, 1);
+  EXPECT_THAT(session->PushFrame(MakeFrame(2)), StatusIs(absl::StatusCode::kCancelled));
+  session.reset();
+  EXPECT_EQ(metrics_.totals().frames[FrameResult::kDropped], 1);
+  EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kCancelled], 1);
+  EXPECT_EQ(metrics_.totals().points, 0);
+}
+
+TEST_F(EngineTest, ASessionMayBeDestroyedAtAnyMoment) {
+  for (int64_t frames = 0; frames < 60; ++frames) {
+    RecordingListener listener;
+    auto session = Open(Config({{1, 1, 1}}, 1 + frames % 23), listener);
+    PushFrames(*session, listener, 0, frames);
+    if (frames % 2 == 0) session->Finish();
+    session.reset();
+    EXPECT_TRUE(listener.done());
+  }
+  EXPECT_EQ(counts_->alive, 0);
+}
+
+TEST_F(EngineTest, RefusesAtOnceWhatDoesNotFit) {
+  options_.max_sessions = 1;
+  RecordingListener first, second;
+  auto session = Open(Config(), first);
+  const auto refused = engine().OpenSession(Config(), second);
+  ASSERT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted));
+  EXPECT_EQ(OverloadDetails(refused.status())->subject, "sessions");
+  session->Finish();
+  EXPECT_THAT(first.AwaitDone(), IsOk());
+  EXPECT_THAT(engine().OpenSession(Config(), second), IsOk()) << "who heard of the end may come back";
+}
+
+TEST_F(EngineTest, RefusesASessionThatNeedsMoreThanTheMemoryBudget) {
+  options_.cache_budget_bytes = 39 * FakeTrackerModel::kFrameBytes;  // 24 + 8 + 8 are needed
+  RecordingListener listener;
+  EXPECT_THAT(engine().OpenSession(Config(), listener), StatusIs(absl::StatusCode::kResourceExhausted));
+  EXPECT_EQ(metrics_.totals().rejected_memory, 1);
+}
+
+TEST_F(EngineTest, AFailureOfTheNetworkEndsOnlyTheSessionsOfItsBatch) {
+  std::atomic<bool> fail{false};
+  model_->before_refine = [&fail](absl::Span<const WindowGroup>) {
+    if (fail.exchange(false)) throw std::runtime_error("/secret/path");
+  };
+  RecordingListener unlucky, lucky;
+  auto first = Open(Config({{1, 1, 1}}), unlucky);
+  auto second = Open(Config({{1, 1, 1}}), lucky);
+  fail = true;
+  PushFrames(*first, unlucky, 0, 8);
+  const absl::Status status = unlucky.AwaitDone();
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kInternal));
+  EXPECT_THAT(std::string(status.message()), ::testing::Not(HasSubstr("secret")));
+  PushFrames(*second, lucky, 0, 30);
+  second->Finish();
+  EXPECT_THAT(lucky.AwaitDone(), IsOk());
+  EXPECT_THAT(lucky.Final(1), SizeIs(30));
+}
+
+TEST_F(EngineTest, MemoryThatEndsIsAnOverload) {
+  model_->before_encode = [] { throw std::bad_alloc(); };
+  RecordingListener listener;
+  auto session = Open(Config({{1, 1, 1}}), listener);
+  PushFrames(*session, listener, 0, 1);
+  EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kResourceExhausted));
+}
+
+TEST_F(EngineTest, AOnePointSessionKeepsItsPaceBesideOneOfAThousand) {
+  options_.max_batch_rows = 50;
+  options_.max_pending_frames = 24;
+  Gate gate;
+  std::atomic<int64_t> batches{0}, batch_of_single{0};
+  model_->before_refine = [&](absl::Span<const WindowGroup> groups) {
+    gate.Pass();
+    ++batches;
+    for (const WindowGroup& group : groups) {
+      for (const WindowRow& row : group.rows) {
+        if (row.feature[1] == 1.0f) batch_of_single = batches.load();
+      }
+    }
+  };
+  std::vector<PointQuery> points;
+  for (PointId id = 0; id < 1000; ++id) points.push_back({id, 32, 1});
+  SessionConfig crowd_config = Config(points), single_config = Config({{1, 8, 1}});  // feature pixels 4 and 1
+  crowd_config.send_provisional = single_config.send_provisional = false;
+  RecordingListener crowd, single;
+  auto crowd_session = Open(crowd_config, crowd);
+  PushFrames(*crowd_session, crowd, 0, 24);
+  gate.AwaitWaiting();  // the first of the 20 batches that the crowd's rows take
+  auto single_session = Open(single_config, single);
+  PushFrames(*single_session, single, 0, 24);
+  metrics_.AwaitStage(Stage::kDecode, 48);
+  gate.Open();
+  crowd_session->Finish();
+  single_session->Finish();
+  EXPECT_THAT(crowd.AwaitDone(), IsOk());
+  EXPECT_THAT(single.AwaitDone(), IsOk());
+  EXPECT_LE(batch_of_single, 8);  // the first batch, and one beside each of the 6 that encode its 24 frames
+  EXPECT_LE(metrics_.totals().max_batch_rows, 50);
+  EXPECT_EQ(metrics_.totals().rows, 1001);
+}
+
+TEST_F(EngineTest, TellsTheMetrics) {
+  RecordingListener listener;
+  auto session = Open(Config({{1, 1, 1}}), listener);
+  PushFrames(*session, listener, 0, 40);
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  session.reset();
+  auto totals = metrics_.totals();
+  EXPECT_EQ(totals.opened, 1);
+  EXPECT_EQ(totals.closed[SessionOutcome::kCompleted], 1);
+  EXPECT_EQ(totals.frames[FrameResult::kTracked], 40);
+  EXPECT_EQ(totals.stages[Stage::kDecode], 40);
+  EXPECT_EQ(totals.stages[Stage::kQueue], 40);
+  EXPECT_GT(totals.stages[Stage::kEncode], 0);
+  EXPECT_GT(totals.stages[Stage::kRefine], 0);
+  EXPECT_GT(totals.stages[Stage::kEmit], 0);
+  EXPECT_EQ(totals.rows, counts_->rows);
+  EXPECT_THAT(totals.first, SizeIs(40));
+  EXPECT_THAT(totals.final, SizeIs(40));
+  EXPECT_THAT(totals.lags, SizeIs(40));
+  EXPECT_THAT(totals.lags, Each(Le(8 + 4)));
+  EXPECT_EQ(totals.points, 0);
+}
+
+TEST_F(EngineTest, AWallClockThatJumpsChangesNoLatency) {
+  std::atomic<int> calls{0};
+  model_->before_encode = [&] {
+    clock_.SetWallBy(++calls % 2 == 0 ? absl::Hours(11) : -absl::Hours(9));
+    clock_.Advance(absl::Milliseconds(10));
+  };
+  RecordingListener listener;
+  auto session = Open(Config({{1, 1, 1}}), listener);
+  PushFrames(*session, listener, 0, 40);
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  const auto totals = metrics_.totals();
+  const auto plausible = AllOf(Ge(absl::ZeroDuration()), Le(40 * absl::Milliseconds(10)));
+  EXPECT_THAT(totals.first, AllOf(SizeIs(40), Each(plausible)));
+  EXPECT_THAT(totals.final, AllOf(SizeIs(40), Each(plausible)));
+  EXPECT_THAT(totals.shortest_stage, plausible);
+  EXPECT_THAT(totals.longest_stage, plausible);
+}
+
+TEST(BatcherTest, SharesFairly) {
+  EXPECT_THAT(FairShares({1000, 1}, 50), ElementsAre(49, 1));
+  EXPECT_THAT(FairShares({10, 10, 10}, 7), ElementsAre(3, 2, 2));
+  EXPECT_THAT(FairShares({1, 2, 100}, 12), ElementsAre(1, 2, 9));
+  EXPECT_THAT(FairShares({1, 1}, 50), ElementsAre(1, 1));
+  EXPECT_THAT(FairShares({5, 5, 5}, 2), ElementsAre(1, 1, 0));
+  EXPECT_THAT(FairShares({}, 5), IsEmpty());
+}
+
+}  // namespace
+}  // namespace holdfast

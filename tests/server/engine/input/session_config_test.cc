@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/input/session_config.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "api/errors.h"
+#include "tests/support/status_matchers.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+std::vector<std::string> Fields(const absl::Status& status) {
+  std::vector<std::string> fields;
+  for (const FieldViolation& v : FieldViolations(status)) fields.push_back(v.field);
+  return fields;
+}
+
+TEST(SessionConfigTest, FillsInTheDefaults) {
+  const auto accepted = Negotiate({}, {}, {});
+  ASSERT_THAT(accepted, IsOk());
+  EXPECT_EQ(accepted->processing_size, (ImageSize{512, 384}));
+  EXPECT_EQ(accepted->hop_frames, 8);
+  EXPECT_EQ(accepted->iterations, 4);
+  EXPECT_EQ(accepted->window_frames, 24);
+}
+
+TEST(SessionConfigTest, NamesEveryFieldThatIsWrong) {
+  SessionConfig config;
+  config.raw_size = {10, 10};
+  config.processing_size = {100, 64};
+  config.hop_frames = 24;
+  config.iterations = 17;
+  config.label = std::string(129, 'x');
+  config.points = {{1, -5, 0}};
+  EXPECT_THAT(Fields(Negotiate(config, {}, {}).status()),
+              ElementsAre("config.raw_size", "config.processing_size", "config.hop_frames", "config.iterations",
+                          "config.label", "config.points[0].x"));
+}
+
+TEST(SessionConfigTest, WantsTheSizeOfRawFramesAndChecksPointsAgainstIt) {
+  SessionConfig config;
+  config.encoding = FrameEncoding::kRgb24;
+  EXPECT_THAT(Fields(Negotiate(config, {}, {}).status()), ElementsAre("config.raw_size"));
+  config.raw_size = {100000, 100000};
+  EXPECT_THAT(Negotiate(config, {}, {}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("100000x100000")));
+  config.raw_size = {64, 48};
+  config.points = {{1, 63, 47}, {2, 64, 47}};
+  EXPECT_THAT(Fields(Negotiate(config, {}, {}).status()), ElementsAre("config.points[1].x"));
+}
+
+TEST(SessionConfigTest, BoundsTheProcessingSizeAndThePoints) {
+  EngineOptions options;
+  options.max_processing_pixels = 64 * 64;
+  options.limits.max_points = 1;
+  SessionConfig config;
+  config.processing_size = {64, 96};
+  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.processing_size"));
+  config.processing_size = {64, 64};
+  config.points = {{1}, {2}};
+  EXPECT_THAT(Negotiate(config, options, {}), StatusIs(absl::StatusCode::kResourceExhausted));
+  config.points = {{1, -1}, {1, -1}};
+  EXPECT_THAT(Negotiate(config, options, {}), StatusIs(absl::StatusCode::kResourceExhausted))
+      << "counted before anything else";
+}
+
+TEST(SessionConfigTest, NamesTheFirstViolationsAndCountsTheRest) {
+  SessionConfig config;
+  config.hop_frames = 24;
+  for (PointId id = 0; id < 2000; ++id) config.points.push_back({id, -1, -1});
+  const absl::Status status = Negotiate(config, {}, {}).status();
+  EXPECT_EQ(Fields(status).size(), kMaxFieldViolations);
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("; and 3993 more")));
+}
+
+TEST(SessionConfigTest, TheSwitchesOfOpticalFlowFollowTheEngineUnlessTheSessionSaysOtherwise) {
+  EngineOptions options;
+  options.polish = false;
+  EXPECT_TRUE(Negotiate({}, options, {})->motion_prior);
+  EXPECT_FALSE(Negotiate({}, options, {})->polish);
+  SessionConfig config;
+  config.motion_prior = false;
+  config.polish = true;
+  config.emit = Emit::kEveryFrame;
+  EXPECT_FALSE(Negotiate(config, options, {})->motion_prior);
+  EXPECT_TRUE(Negotiate(config, options, {})->polish);
+  EXPECT_EQ(Negotiate(config, options, {})->emit, Emit::kEveryFrame);
+  options.chaining = Chaining::kPublished;
+  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.polish"));
+}
+
+TEST(SessionConfigTest, ThePublishedChainingHasOneHop) {
+  EngineOptions options;
+  options.chaining = Chaining::kPublished;
+  EXPECT_EQ(Negotiate({}, options, {})->hop_frames, 23);
+  SessionConfig config;
+  config.hop_frames = 8;
+  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.hop_frames"));
+}
+
+TEST(EngineOptionsTest, RefusesWhatCannotWork) {
+  EXPECT_THAT(EngineOptions().Validate(), IsOk());
+  EngineOptions options;
+  options.max_batch_rows = 0;
+  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("max_batch_rows is 0")));
+  options = {};
+  options.processing_size = {500, 384};
+  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("500x384")));
+}
+
+}  // namespace
+}  // namespace holdfast

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/motion/flow.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "tests/support/moving_picture.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::SizeIs;
+
+constexpr ImageSize kSize{160, 120};
+constexpr FlowLimits kLimits{0.5f, 10, 20};
+
+bool SameBits(FlowPoint a, FlowPoint b) { return a.x == b.x && a.y == b.y; }
+
+std::vector<FlowPoint> Grid() {
+  std::vector<FlowPoint> points;
+  for (int i = 0; i < 60; ++i) {
+    points.push_back({20.25f + 12.0f * static_cast<float>(i % 10), 25.5f + 14.0f * static_cast<float>(i / 10)});
+  }
+  return points;
+}
+
+TEST(FlowTest, CarriesPointsAlongWithThePicture) {
+  const FlowPyramid before(ShiftedTexture(kSize, 0, 0)), after(ShiftedTexture(kSize, 5.5f, -3.25f));
+  const std::vector<FlowPoint> points = Grid();
+  const std::vector<FlowStep> steps = CarryPoints(before, after, points, 2);
+  ASSERT_THAT(steps, SizeIs(points.size()));
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_TRUE(steps[i].held);
+    EXPECT_NEAR(steps[i].at.x, points[i].x + 5.5f, 0.1f);
+    EXPECT_NEAR(steps[i].at.y, points[i].y - 3.25f, 0.1f);
+  }
+}
+
+TEST(FlowTest, APointIsTheSameToTheBitAloneAndAmong60) {
+  const FlowPyramid before(ShiftedTexture(kSize, 0, 0)), after(ShiftedTexture(kSize, 3.3f, 1.7f));
+  const std::vector<FlowPoint> points = Grid();
+  const std::vector<FlowStep> carried = CarryPoints(before, after, points, 2);
+  const auto followed = FollowPoints(before, after, points, points, kLimits);
+  for (size_t i = 0; i < points.size(); ++i) {
+    const FlowStep alone = CarryPoints(before, after, {&points[i], 1}, 2).front();
+    EXPECT_TRUE(SameBits(alone.at, carried[i].at));
+    EXPECT_EQ(alone.held, carried[i].held);
+    const auto found = FollowPoints(before, after, {&points[i], 1}, {&points[i], 1}, kLimits).front();
+    ASSERT_EQ(found.has_value(), followed[i].has_value());
+    if (found) {
+      EXPECT_TRUE(SameBits(*found, *followed[i]));
+    }
+  }
+}
+
+TEST(FlowTest, APointThatIsCoveredStaysWhereItWas) {
+  GrayImage covered = ShiftedTexture(kSize, 4, 0);
+  Cover(covered, 50, 110, /*seed=*/9);
+  const FlowPyramid before(ShiftedTexture(kSize, 0, 0)), after(covered);
+  const FlowPoint hidden{76, 60}, seen{25, 60};
+  const auto steps = CarryPoints(before, after, {hidden, seen}, 2);
+  EXPECT_FALSE(steps[0].held);
+  EXPECT_TRUE(SameBits(steps[0].at, hidden));
+  EXPECT_TRUE(steps[1].held);
+  EXPECT_NEAR(steps[1].at.x, 29, 0.1f);
+}
+
+TEST(FlowTest, WithoutTextureNothingIsFound) {
+  const FlowPyramid flat(GrayImage{kSize, std::vector<uint8_t>(size_t{160} * 120, 77)});
+  EXPECT_FALSE(CarryPoints(flat, flat, {{50, 50}}, 2)[0].held);
+  EXPECT_FALSE(FollowPoints(flat, flat, {{50, 50}}, {{50, 50}}, kLimits)[0].has_value());
+  EXPECT_FALSE(FindPatch(CutPatch(flat, {50, 50}), flat, {50, 50}, kLimits).has_value());
+}
+
+TEST(FlowTest, NotANumberIsNotFound) {
+  const FlowPyramid picture(ShiftedTexture(kSize, 0, 0));
+  const FlowPoint nowhere{NAN, NAN}, far{1e9f, -1e9f};
+  for (const FlowPoint& point : {nowhere, far}) {
+    EXPECT_FALSE(CarryPoints(picture, picture, {point}, 2)[0].held);
+    EXPECT_FALSE(FindPatch(CutPatch(picture, {50, 50}), picture, point, kLimits).has_value());
+  }
+}
+
+TEST(FlowTest, FindsAPatchNearAnEstimateToAFractionOfAPixel) {
+  const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 23.4f, 11.8f));
+  const FlowPatch patch = CutPatch(query, {60.5f, 40.25f});
+  const auto found = FindPatch(patch, now, {60.5f + 26, 40.25f + 9}, kLimits);
+  ASSERT_TRUE(found.has_value());
+  EXPECT_NEAR(found->x, 83.9f, 0.1f);
+  EXPECT_NEAR(found->y, 52.05f, 0.1f);
+}
+
+TEST(FlowTest, FindsAPatchAtTheEdgeOfThePicture) {
+  const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 2, 1.5f));
+  for (const FlowPoint& at : {FlowPoint{9, 60}, FlowPoint{80, 110}, FlowPoint{150, 9}}) {
+    const auto found = FindPatch(CutPatch(query, at), now, at, {1, 10, 20});
+    ASSERT_TRUE(found.has_value()) << at.x << "," << at.y;
+    EXPECT_NEAR(found->x, at.x + 2, 1.0f);  // what is repeated beyond the edge does not move
+    EXPECT_NEAR(found->y, at.y + 1.5f, 1.0f);
+  }
+}
+
+TEST(FlowTest, EveryLimitRefuses) {
+  const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 4, 0)),
+      other(ShiftedTexture(kSize, 0, 0, /*seed=*/5));
+  const FlowPoint at{60, 60};
+  const FlowPatch patch = CutPatch(query, at);
+  EXPECT_TRUE(FindPatch(patch, now, at, {0.5f, 10, 20}).has_value());
+  EXPECT_FALSE(FindPatch(patch, now, at, {0.5f, 3, 20}).has_value()) << "it has moved by 4";
+  EXPECT_FALSE(FindPatch(patch, now, at, {0.5f, 10, 0}).has_value()) << "patches are never equal";
+  EXPECT_FALSE(FindPatch(patch, other, at, {0.5f, 10, 20}).has_value()) << "another picture";
+}
+
+TEST(FlowTest, LooksAtFramesInTheirOwnSizeUpToAHalfMoreThanIsProcessed) {
+  const ImageSize processing{512, 384};
+  EXPECT_EQ(FlowSize({320, 240}, processing), processing);
+  EXPECT_EQ(FlowSize({640, 480}, processing), (ImageSize{640, 480}));
+  EXPECT_EQ(FlowSize({1536, 1152}, processing), (ImageSize{768, 576}));
+  EXPECT_EQ(FlowSize({1024, 576}, processing), (ImageSize{886, 498}));
+  EXPECT_EQ(FlowSize({576, 1024}, processing), (ImageSize{498, 886}));
+  EXPECT_EQ(FlowSize({4096, 32}, processing), processing);
+  EXPECT_EQ(FlowSize({4096, 256}, processing), (ImageSize{1024, 64}));
+}
+
+TEST(FlowTest, NoFramesPyramidTakesMoreThanTheMost) {
+  for (const ImageSize processing : {ImageSize{512, 384}, ImageSize{32, 32}, ImageSize{256, 1024}}) {
+    const int64_t most = FlowPyramid::MostBytes(processing);
+    EXPECT_LT(most, 3 * FlowPyramid::BytesOf({processing.width * 3 / 2, processing.height * 3 / 2}));
+    for (int width = 1; width <= 8192; width = width * 5 / 4 + 1) {
+      for (int height = 1; height <= 8192; height = height * 5 / 4 + 1) {
+        EXPECT_LE(FlowPyramid::BytesOf(FlowSize({width, height}, processing)), most) << width << " x " << height;
+      }
+    }
+  }
+}
+
+TEST(FlowTest, KnowsItsBytesAndWorksAtTheSmallestSize) {
+  EXPECT_EQ(FlowPyramid::BytesOf({512, 384}), int64_t{554} * 426 + 298 * 234 + 170 * 138 + 106 * 90);
+  const ImageSize small{32, 32};
+  const FlowPyramid before(ShiftedTexture(small, 0, 0)), after(ShiftedTexture(small, 1.5f, 0));
+  EXPECT_NEAR(CarryPoints(before, after, {{15, 15}}, 2)[0].at.x, 16.5f, 0.2f);
+  EXPECT_TRUE(FindPatch(CutPatch(before, {15, 15}), after, {15, 15}, {1, 10, 20}).has_value());
+}
+
+}  // namespace
+}  // namespace holdfast

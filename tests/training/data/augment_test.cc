@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/data/augment.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <opencv2/imgproc.hpp>
+
+#include "tests/support/status_matchers.h"
+#include "tests/training/data/moving_texture.h"
+#include "training/data/decorators.h"
+
+namespace holdfast {
+namespace {
+
+// 6 frames of 64 x 48 that slide right by 2; masks: 1 left, 2 right of column 30.
+Sample Clip() {
+  Sample clip = MovingTexture(6, {64, 48}, {2, 0}, {{10, 10}, {20, 30}, {40, 20}, {60, 40}});
+  for (int64_t s = 0; s < 6; ++s) {
+    cv::Mat mask(48, 64, CV_32SC1, cv::Scalar(1));
+    mask.colRange(30, 64).setTo(2);
+    clip.masks.push_back(mask);
+  }
+  return clip;
+}
+
+cv::Vec3d ColourAt(const Sample& clip, int64_t s, cv::Point2f at) {
+  cv::Mat patch;
+  cv::getRectSubPix(clip.frames[static_cast<size_t>(s)], {1, 1}, at, patch);
+  return patch.at<cv::Vec3b>(0, 0);
+}
+
+// Largest change of colour along any visible track.
+double WorstColour(const Sample& clip) {
+  double worst = 0;
+  for (int64_t n = 0; n < clip.num_points(); ++n) {
+    const int64_t query = clip.QueryFrame(n);
+    for (int64_t s = std::max<int64_t>(query, 0); s < clip.num_frames(); ++s) {
+      if (!clip.Visible(s, n)) continue;
+      const cv::Vec3d d = ColourAt(clip, s, clip.Position(s, n)) - ColourAt(clip, query, clip.Position(query, n));
+      worst = std::max({worst, std::abs(d[0]), std::abs(d[1]), std::abs(d[2])});
+    }
+  }
+  return worst;
+}
+
+TEST(AugmentTest, ReversedTimeReversesEverything) {
+  const Sample before = Clip();
+  Sample clip = Clip();
+  ReverseTime(clip);
+  EXPECT_EQ(clip.Position(0, 1), before.Position(5, 1));
+  EXPECT_EQ(clip.Visible(0, 3), before.Visible(5, 3));
+  EXPECT_FALSE(clip.Visible(0, 3)) << "it left the frame before the end";
+  EXPECT_EQ(cv::norm(clip.frames[1], before.frames[4], cv::NORM_INF), 0);
+  ReverseTime(clip);
+  EXPECT_EQ(clip.tracks, before.tracks);
+}
+
+TEST(AugmentTest, FlipsAndTranspositionMoveThePointsWithThePixels) {
+  Sample clip = Clip();
+  FlipHorizontally(clip);
+  EXPECT_EQ(clip.Position(0, 0), cv::Point2f(53, 10));
+  EXPECT_EQ(clip.IdAt(0, clip.Position(0, 0)), 1);
+  FlipVertically(clip);
+  EXPECT_EQ(clip.Position(0, 0), cv::Point2f(53, 37));
+  Transpose(clip);
+  EXPECT_EQ(clip.Position(0, 0), cv::Point2f(37, 53));
+  EXPECT_EQ(clip.size(), (ImageSize{48, 64}));
+  EXPECT_EQ(clip.IdAt(0, clip.Position(0, 0)), 1);
+  EXPECT_THAT(clip.Validate(), IsOk());
+  EXPECT_LE(WorstColour(clip), 1);
+}
+
+TEST(AugmentTest, AWindowOfAScaledFrameHasItsPointsAtPixelCentres) {
+  Sample clip = Clip();
+  const std::vector<cv::Size> scaled(6, cv::Size(128, 96));
+  ScaleAndCrop(scaled, std::vector<cv::Point>(6, {5, -4}), {40, 32}, clip);
+  EXPECT_EQ(clip.size(), (ImageSize{40, 32}));
+  EXPECT_EQ(clip.Position(0, 0), cv::Point2f(15.5f, 24.5f));  // (10.5 * 2 - 0.5) - (5, -4)
+  EXPECT_TRUE(clip.Visible(0, 0));
+  EXPECT_FALSE(clip.Visible(0, 2)) << "outside of the window";
+  EXPECT_TRUE(clip.Valid(0, 2));
+  EXPECT_EQ(clip.IdAt(0, {3, 1}), 0) << "above the picture";
+  EXPECT_EQ(clip.frames[0].at<cv::Vec3b>(1, 3), cv::Vec3b(0, 0, 0));
+}
+
+TEST(AugmentTest, ErasersHideWhatLiesBeneathAndChangeOverTime) {
+  int64_t hidden = 0, changes = 0;
+  for (uint64_t seed = 0; seed < 30; ++seed) {
+    const Sample before = Clip();
+    Sample clip = Clip();
+    Rng rng(seed);
+    EraseRectangles(rng, clip);
+    EXPECT_THAT(clip.Validate(), IsOk());
+    EXPECT_EQ(cv::norm(clip.frames[0], before.frames[0], cv::NORM_INF), 0) << "the first frame is left alone";
+    for (int64_t s = 0; s < 6; ++s) {
+      for (int64_t n = 0; n < 4; ++n) {
+        const bool erased = clip.Inside(clip.Position(s, n)) && clip.IdAt(s, clip.Position(s, n)) == 0;
+        if (erased) {
+          EXPECT_FALSE(clip.Visible(s, n));
+        }
+        if (before.Visible(s, n) && !clip.Visible(s, n)) ++hidden;
+        EXPECT_EQ(clip.Valid(s, n), before.Valid(s, n));
+      }
+      if (s > 1)
+        changes +=
+            cv::norm(clip.masks[static_cast<size_t>(s)], clip.masks[static_cast<size_t>(s - 1)], cv::NORM_INF) > 0;
+    }
+  }
+  EXPECT_GT(hidden, 10);
+  EXPECT_GT(changes, 20);
+}
+
+TEST(AugmentTest, TracksFollowTheirColoursThroughEveryGeometricChange) {
+  AugmentOptions options;
+  options.size = {56, 40};
+  options.photometric_share = 0;
+  options.min_scale = 0.9;
+  const Augmenter augmenter(options);
+  int64_t seen = 0;
+  for (uint64_t seed = 0; seed < 60; ++seed) {
+    // A texture without steep places, so that only a misplaced point changes its colour.
+    Sample clip = MovingTexture(6, {128, 96}, {2, 1}, {{50, 50}, {60, 30}, {40, 40}, {70, 60}, {30, 70}});
+    Rng rng(seed);
+    augmenter.Apply(rng, clip);
+    EXPECT_THAT(clip.Validate(), IsOk());
+    EXPECT_EQ(clip.size(), options.size);
+    for (int64_t n = 0; n < clip.num_points(); ++n) {
+      for (int64_t s = 0; s < 6; ++s) {
+        const cv::Point2f at = clip.Position(s, n);
+        if (at.x < 2 || at.y < 2 || at.x > 53 || at.y > 37) clip.visible[clip.At(s, n)] = 0;  // the rim is black
+        seen += clip.Visible(s, n);
+      }
+    }
+    EXPECT_LE(WorstColour(clip), 14) << seed;
+  }
+  EXPECT_GT(seen, 300);
+}
+
+TEST(AugmentTest, TheSameSeedGivesTheSameClip) {
+  AugmentOptions options;
+  options.size = {56, 40};
+  const Augmenter augmenter(options);
+  Sample a = Clip(), b = Clip();
+  Rng first(4), second(4);
+  augmenter.Apply(first, a);
+  augmenter.Apply(second, b);
+  EXPECT_EQ(a.tracks, b.tracks);
+  EXPECT_EQ(a.visible, b.visible);
+  for (size_t s = 0; s < 6; ++s) EXPECT_EQ(cv::norm(a.frames[s], b.frames[s], cv::NORM_INF), 0);
+}
+
+TEST(AugmentTest, OptionsOutsideTheirRangesAreRefused) {
+  AugmentOptions options;
+  EXPECT_THAT(options.Validate(), IsOk());
+  options.flip_share = 1.5;
+  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument));
+  options = AugmentOptions();
+  options.min_scale = 0;
+  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument));
+  options = AugmentOptions();
+  options.size = {0, 8};
+  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
+// The clip above under different names.
+class Clips : public Dataset {
+ public:
+  explicit Clips(size_t size) : size_(size) {}
+  size_t size() const override { return size_; }
+  absl::StatusOr<Sample> Get(size_t index, Rng&) const override {
+    Sample clip = Clip();
+    clip.source = std::to_string(index);
+    return clip;
+  }
+
+ private:
+  const size_t size_;
+};
+
+TEST(DecoratorsTest, EveryEpochIsAPermutationOfItsOwn) {
+  for (const size_t count : {1, 2, 5, 64, 100}) {
+    const ShuffledDataset shuffled(std::make_unique<Clips>(count), 3);
+    std::vector<std::vector<size_t>> epochs(3);
+    Rng rng(1);
+    for (size_t i = 0; i < 3 * count; ++i) epochs[i / count].push_back(std::stoul(shuffled.Get(i, rng)->source));
+    if (count >= 64) {
+      EXPECT_NE(epochs[0], epochs[1]);
+    }
+    for (std::vector<size_t>& epoch : epochs) {
+      if (count >= 64) {
+        EXPECT_FALSE(std::is_sorted(epoch.begin(), epoch.end()));
+      }
+      std::sort(epoch.begin(), epoch.end());
+      std::vector<size_t> all(count);
+      std::iota(all.begin(), all.end(), 0);
+      EXPECT_EQ(epoch, all);
+    }
+  }
+}
+
+TEST(DecoratorsTest, SelectionKeepsGoodTracksAndPadsTheRest) {
+  const SelectedDataset selected(std::make_unique<Clips>(1), 5, 2);
+  Rng rng(1);
+  const absl::StatusOr<Sample> clip = selected.Get(0, rng);
+  ASSERT_THAT(clip, IsOk());
+  EXPECT_THAT(clip->Validate(), IsOk());
+  ASSERT_EQ(clip->num_points(), 5);
+  EXPECT_EQ(clip->object_ids[0], 1);
+  for (int64_t s = 0; s < 6; ++s) EXPECT_FALSE(clip->Valid(s, 4)) << "padding; the point that leaves at once is gone";
+  const SelectedDataset demanding(std::make_unique<Clips>(1), 5, 5);
+  EXPECT_THAT(demanding.Get(0, rng), StatusIs(absl::StatusCode::kFailedPrecondition));
+}
+
+TEST(DecoratorsTest, TrainingStreamsGiveSamplesThatStack) {
+  AugmentOptions options;
+  options.size = {56, 40};
+  options.eraser_share = 0;
+  options.drift_share = 0;
+  for (const bool augmented : {false, true}) {
+    const auto stream = TrainingStream(std::make_unique<Clips>(3), options, augmented, 4, 1);
+    int64_t given = 0;
+    for (size_t i = 0; i < 20; ++i) {
+      Rng rng(i);
+      const absl::StatusOr<Sample> clip = stream->Get(i, rng);
+      if (!clip.ok()) continue;
+      ++given;
+      EXPECT_EQ(clip->num_points(), 4);
+      EXPECT_EQ(clip->size(), options.size);
+      EXPECT_THAT(clip->Validate(), IsOk());
+    }
+    EXPECT_GT(given, 10);
+  }
+}
+
+}  // namespace
+}  // namespace holdfast

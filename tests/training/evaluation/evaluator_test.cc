@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/evaluation/evaluator.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "api/clock.h"
+#include "tests/support/fake_tracker.h"
+#include "tests/support/status_matchers.h"
+#include "tests/training/data/moving_texture.h"
+#include "training/evaluation/stream_clip_tracker.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::DoubleNear;
+using ::testing::HasSubstr;
+using ::testing::Optional;
+
+constexpr ImageSize kSize = {256, 256};  // so that a pixel is a scored pixel
+
+class TickingClock final : public Clock {
+ public:
+  absl::Time WallNow() const override { return absl::UnixEpoch(); }
+  SteadyTime SteadyNow() const override { return now_ += std::chrono::seconds(2); }
+
+ private:
+  mutable SteadyTime now_;
+};
+
+// Stays where the query was, 'offset' pixels to the right of it.
+FakeTracker::Behaviour Standing(float offset) {
+  return {[offset](const PointQuery& query, int64_t, int64_t) { return FakeEstimate{query.x + offset, query.y}; }};
+}
+
+Sample Still(int64_t points) {
+  return MovingTexture(4, kSize, {0, 0}, std::vector<cv::Point2f>(points, cv::Point2f(100, 100)));
+}
+
+TEST(EvaluatorTest, ScoresEveryMethodOnTheSameClips) {
+  FakeTracker exact_tracker(Standing(0));
+  FakeTracker coarse_tracker(Standing(3));
+  StreamClipTracker exact(exact_tracker, {"exact"});
+  StreamClipTracker coarse(coarse_tracker, {"coarse"});
+  const ListDataset data({Still(2), Still(1)});
+  const auto reports = Evaluate(data, {&exact, &coarse}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  ASSERT_EQ(reports->size(), 2u);
+  EXPECT_EQ((*reports)[0].method, "exact");
+  EXPECT_EQ((*reports)[0].mean.delta_avg, 100);
+  EXPECT_THAT((*reports)[1].mean.delta_avg, Optional(DoubleNear(60, 1e-9)));
+  const SequenceReport& row = (*reports)[1].sequences[0];
+  EXPECT_EQ(row.name, "moving texture");
+  EXPECT_EQ(row.frames, 4);
+  EXPECT_EQ(row.points, 2);
+  EXPECT_EQ(row.frame_size, kSize);
+  EXPECT_EQ(row.processing_size, (ImageSize{512, 384}));
+  EXPECT_EQ(row.seconds, 2);
+}
+
+TEST(EvaluatorTest, TheMeanIsOverVideosNotOverPoints) {
+  Sample moving = MovingTexture(4, kSize, {40, 0}, std::vector<cv::Point2f>(9, cv::Point2f(100, 100)));
+  FakeTracker tracker(Standing(0));
+  StreamClipTracker method(tracker, {"standing"});
+  const auto reports = Evaluate(ListDataset({Still(1), moving}), {&method}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  EXPECT_EQ((*reports)[0].mean.delta_avg, 50);
+}
+
+TEST(EvaluatorTest, QueriesAPointInTheFirstFrameThatShowsIt) {
+  Sample clip = MovingTexture(5, kSize, {5, 0}, {{100, 100}});
+  clip.visible[clip.At(0, 0)] = 0;
+  clip.visible[clip.At(1, 0)] = 0;
+  FakeTracker tracker(Standing(0));
+  StreamClipTracker method(tracker, {"standing"});
+  ASSERT_THAT(Evaluate(ListDataset({clip}), {&method}, {}, TickingClock()), IsOk());
+  EXPECT_TRUE(tracker.frames()[0].points.empty());
+  ASSERT_EQ(tracker.frames()[2].points.size(), 1u);
+  EXPECT_EQ(tracker.frames()[2].points[0].x, 110);
+}
+
+TEST(EvaluatorTest, PointsThatOnlyTheLastFrameShowsAreLeftOut) {
+  Sample clip = Still(3);
+  for (int64_t t = 0; t < 4; ++t) clip.visible[clip.At(t, 1)] = t == 3;
+  for (int64_t t = 0; t < 4; ++t) clip.visible[clip.At(t, 2)] = 0;
+  FakeTracker tracker(Standing(0));
+  StreamClipTracker method(tracker, {"standing"});
+  const auto reports = Evaluate(ListDataset({clip}), {&method}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  EXPECT_EQ((*reports)[0].sequences[0].points, 1);
+}
+
+TEST(EvaluatorTest, ADamagedSequenceIsListedAndTheOthersCount) {
+  FakeTracker tracker(Standing(0));
+  StreamClipTracker method(tracker, {"standing"});
+  const ListDataset data({absl::DataLossError("anno.npz is cut short"), Still(1)});
+  const auto reports = Evaluate(data, {&method}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  EXPECT_EQ((*reports)[0].sequences.size(), 1u);
+  ASSERT_EQ((*reports)[0].skipped.size(), 1u);
+  EXPECT_EQ((*reports)[0].skipped[0].name, "#0");
+  EXPECT_EQ((*reports)[0].skipped[0].reason, "anno.npz is cut short");
+}
+
+TEST(EvaluatorTest, ASequenceThatFailsOneMethodCountsForNone) {
+  FakeTracker good_tracker(Standing(0));
+  FakeTracker::Behaviour failing = Standing(0);
+  failing.fail_at_frame = 5;
+  FakeTracker failing_tracker(failing);
+  StreamClipTracker good(good_tracker, {"good"});
+  StreamClipTracker bad(failing_tracker, {"bad"});
+  const Sample longer = MovingTexture(7, kSize, {0, 0}, {{10, 10}});
+  const auto reports = Evaluate(ListDataset({longer, Still(1)}), {&good, &bad}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  EXPECT_EQ((*reports)[0].sequences.size(), 1u);
+  ASSERT_EQ((*reports)[0].skipped.size(), 1u);
+  EXPECT_THAT((*reports)[0].skipped[0].reason, HasSubstr("bad: the tracker went away"));
+}
+
+TEST(EvaluatorTest, NothingLeftToScoreIsAnErrorThatSaysWhy) {
+  FakeTracker tracker(Standing(0));
+  StreamClipTracker method(tracker, {"standing"});
+  EXPECT_THAT(Evaluate(ListDataset({absl::DataLossError("cut short")}), {&method}, {}, TickingClock()),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("cut short")));
+  EXPECT_THAT(Evaluate(ListDataset({}), {&method}, {}, TickingClock()),
+              StatusIs(absl::StatusCode::kFailedPrecondition));
+}
+
+TEST(EvaluatorTest, ReportsProgressBeforeEachSequence) {
+  FakeTracker tracker(Standing(0));
+  StreamClipTracker method(tracker, {"standing"});
+  std::vector<std::pair<size_t, size_t>> seen;
+  EvaluationOptions options;
+  options.progress = [&](size_t index, size_t size) { seen.push_back({index, size}); };
+  ASSERT_THAT(Evaluate(ListDataset({Still(1), Still(1)}), {&method}, options, TickingClock()), IsOk());
+  EXPECT_EQ(seen, (std::vector<std::pair<size_t, size_t>>{{0, 2}, {1, 2}}));
+}
+
+}  // namespace
+}  // namespace holdfast

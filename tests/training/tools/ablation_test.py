@@ -1,0 +1,108 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The ablation runner with programs that only pretend to train and evaluate."""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+SCRIPT = Path(__file__).resolve().parents[3] / "training/tools/ablation.py"
+
+# Appends its arguments to calls.txt and writes "weights" that remember them. Fails when a file named "broken" exists.
+FAKE_TRAIN = """#!/bin/sh
+here=$(dirname "$0")
+echo "$@" >> "$here/calls.txt"
+[ -e "$here/broken" ] && exit 3
+for a in "$@"; do case $a in --out=*) out=${a#--out=} ;; esac; done
+echo "$@" > "$out/final.safetensors"
+"""
+
+# delta_avg = 10 * seed, and 1 more with attention.
+FAKE_EVAL = """#!/bin/sh
+for a in "$@"; do case $a in --weights=*) w=${a#--weights=} ;; --json=*) j=${a#--json=} ;; esac; done
+seed=$(sed 's/.*--seed=\\([0-9]*\\).*/\\1/' "$w")
+plus=1; grep -q attention_blocks=0 "$w" && plus=0
+echo '{"reports": [{"mean": {"delta_avg": '$((10 * seed + plus))', "survival_50": 50, "mte": null}}]}' > "$j"
+"""
+
+
+class AblationTest(unittest.TestCase):
+    def setUp(self):
+        self._folder = tempfile.TemporaryDirectory()
+        self.bin = Path(self._folder.name) / "bin"
+        self.out = Path(self._folder.name) / "out"
+        self.bin.mkdir()
+        for name, text in (("holdfast-train", FAKE_TRAIN), ("holdfast-eval", FAKE_EVAL)):
+            (self.bin / name).write_text(text)
+            os.chmod(self.bin / name, 0o755)
+
+    def tearDown(self):
+        self._folder.cleanup()
+
+    def run_script(self, *flags):
+        command = [sys.executable, str(SCRIPT), "--bin", str(self.bin), "--out", str(self.out), *flags]
+        return subprocess.run(command, capture_output=True, text=True)
+
+    def calls(self):
+        path = self.bin / "calls.txt"
+        return path.read_text().splitlines() if path.exists() else []
+
+    def tables(self):
+        return json.loads((self.out / "ablation.json").read_text())["tables"]
+
+    def test_trains_every_variant_of_both_tables_once_a_seed(self):
+        self.assertEqual(self.run_script("--seeds", "1,2").returncode, 0)
+        self.assertEqual(len(self.calls()), 14)
+        self.assertEqual(len(set(self.calls())), 14)
+        self.assertEqual(sum("--attention_blocks=0" in call for call in self.calls()), 4)
+        self.assertEqual(sum("--alpha=0.05 " in call + " " for call in self.calls()), 2)
+        self.assertTrue(all("--steps=0 --time_budget=30m" in call for call in self.calls()))
+
+    def test_tables_show_mean_and_deviation_over_the_seeds(self):
+        result = self.run_script("--seeds", "1,2")
+        neither, _, _, both = self.tables()["table5"]["rows"]
+        self.assertEqual(neither["ours"]["delta_avg"]["values"], [10, 20])
+        self.assertEqual(neither["ours"]["delta_avg"]["mean"], 15)
+        self.assertAlmostEqual(neither["ours"]["delta_avg"]["deviation"], 7.0710678)
+        self.assertEqual(both["ours"]["delta_avg"]["mean"], 16)
+        self.assertEqual(both["published"]["delta_avg"], 32.8)
+        self.assertIsNone(both["ours"]["mte"]["mean"])
+        self.assertIn("| both | 16.0 ± 7.1 (32.8) | 50.0 ± 0.0 (52.1) | – (37.6) | 2 |", result.stdout)
+        self.assertEqual((self.out / "ablation.md").read_text(), result.stdout[result.stdout.index("Preset"):])
+
+    def test_one_seed_has_no_deviation(self):
+        self.run_script("--seeds", "3")
+        self.assertIsNone(self.tables()["table6"]["rows"][0]["ours"]["delta_avg"]["deviation"])
+        self.assertIn("| α = 0 | 31.0 |", (self.out / "ablation.md").read_text())
+
+    def test_goes_on_where_it_was_stopped(self):
+        (self.bin / "broken").touch()
+        stopped = self.run_script("--seeds", "1")
+        self.assertNotEqual(stopped.returncode, 0)
+        self.assertIn("holdfast-train ended with code 3", stopped.stderr)
+        (self.bin / "broken").unlink()
+        self.assertEqual(self.run_script("--seeds", "1").returncode, 0)
+        self.assertEqual(len(self.calls()), 1 + 7)
+        self.assertEqual(self.run_script("--seeds", "1,2").returncode, 0)
+        self.assertEqual(len(self.calls()), 1 + 14, "finished runs are kept")
+
+    def test_refuses_to_mix_budgets(self):
+        self.assertEqual(self.run_script("--seeds", "1", "--steps", "10").returncode, 0)
+        mixed = self.run_script("--seeds", "1", "--steps", "20")
+        self.assertNotEqual(mixed.returncode, 0)
+        self.assertIn("another budget", mixed.stderr)
+
+    def test_passes_the_budget_and_further_flags_to_every_run(self):
+        self.run_script("--seeds", "1", "--steps", "10", "--preset", "test", "--", "--pictures=here")
+        for call in self.calls():
+            self.assertIn("--preset=test", call)
+            self.assertIn("--steps=10", call)
+            self.assertIn("--pictures=here", call)
+            self.assertNotIn("--time_budget", call)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/data/readers/neutral.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "training/data/image_files.h"
+#include "training/data/track_selection.h"
+
+namespace holdfast {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr double kFar = 1e6;  // pixels; no position is further out
+
+absl::Status Wrong(const std::string& path, absl::string_view what) {
+  return absl::DataLossError(absl::StrCat(path, ": ", what));
+}
+
+// A number of the object, or 'otherwise' where the key is missing; NaN where it is no number.
+double Number(const json& object, const char* key, double otherwise) {
+  const auto found = object.find(key);
+  if (found == object.end()) return otherwise;
+  return found->is_number() ? found->get<double>() : std::nan("");
+}
+
+absl::StatusOr<json> ReadTracksFile(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) return absl::NotFoundError(absl::StrCat("no file ", path));
+  json tracks = json::parse(std::istreambuf_iterator<char>(file), {}, nullptr, false);
+  if (!tracks.is_object()) return Wrong(path, "not a JSON object");
+  const auto points = tracks.find("points");
+  if (points == tracks.end() || !points->is_array()) return Wrong(path, "'points' is not a list");
+  const double width = Number(tracks, "width", 0), height = Number(tracks, "height", 0);
+  if (!(width >= 1 && height >= 1 && width <= 65536 && height <= 65536)) return Wrong(path, "no size of the frames");
+  return tracks;
+}
+
+// Sets the labels of point n from one entry of 'frames', 'xy' and 'visible'; false if it is malformed.
+bool SetLabel(const json& frame, const json& xy, const json& visible, int64_t n, int64_t& last, Sample& sample) {
+  if (!frame.is_number_integer() || !xy.is_array() || xy.size() != 2 || !xy[0].is_number() || !xy[1].is_number())
+    return false;
+  if (!visible.is_boolean() && !visible.is_number()) return false;
+  const int64_t s = frame.get<int64_t>();
+  const double x = xy[0].get<double>(), y = xy[1].get<double>();
+  if (s <= last || !(std::abs(x) < kFar && std::abs(y) < kFar)) return false;
+  last = s;
+  if (s >= sample.num_frames()) return true;  // of a part of the clip that is not asked for
+  const cv::Point2f position(static_cast<float>(x), static_cast<float>(y));
+  const bool seen = visible.is_boolean() ? visible.get<bool>() : visible.get<double>() != 0;
+  sample.SetPosition(s, n, position);
+  sample.valid[sample.At(s, n)] = 1;
+  sample.visible[sample.At(s, n)] = seen && sample.Inside(position) ? 1 : 0;
+  return true;
+}
+
+bool SetPoint(const json& point, int64_t n, Sample& sample) {
+  if (!point.is_object()) return false;
+  const auto frames = point.find("frames"), xy = point.find("xy"), visible = point.find("visible");
+  for (const auto& list : {frames, xy, visible}) {
+    if (list == point.end() || !list->is_array() || list->size() != frames->size()) return false;
+  }
+  int64_t last = -1;
+  for (size_t i = 0; i < frames->size(); ++i) {
+    if (!SetLabel((*frames)[i], (*xy)[i], (*visible)[i], n, last, sample)) return false;
+  }
+  const double object = Number(point, "object", 0);
+  if (!(object >= 0 && object <= 65535)) return false;
+  sample.object_ids[static_cast<size_t>(n)] = static_cast<int32_t>(object);
+  return true;
+}
+
+// <folder>/%05d.jpg or .png from 0 up to the first that is missing.
+std::vector<std::string> NumberedFiles(const fs::path& folder) {
+  std::vector<std::string> paths;
+  for (int64_t i = 0;; ++i) {
+    const fs::path jpeg = folder / absl::StrFormat("%05d.jpg", i), png = folder / absl::StrFormat("%05d.png", i);
+    if (fs::exists(jpeg)) {
+      paths.push_back(jpeg.string());
+    } else if (fs::exists(png)) {
+      paths.push_back(png.string());
+    } else {
+      return paths;
+    }
+  }
+}
+
+class NeutralDataset : public Dataset {
+ public:
+  NeutralDataset(const NeutralOptions& options, std::vector<fs::path> clips)
+      : options_(options), clips_(std::move(clips)) {}
+
+  size_t size() const override { return clips_.size(); }
+
+  absl::StatusOr<Sample> Get(size_t index, Rng& rng) const override {
+    const fs::path& clip = clips_[index];
+    Sample sample;
+    sample.source = absl::StrCat("neutral/", clip.filename().string());
+    const std::string tracks_path = (clip / "tracks.json").string();
+    absl::StatusOr<json> tracks = ReadTracksFile(tracks_path);
+    if (!tracks.ok()) return tracks.status();
+    if (absl::Status status = ReadPictures(clip, sample); !status.ok()) return status;
+    if (absl::Status status = SetPoints(*tracks, tracks_path, sample); !status.ok()) return status;
+    std::vector<int64_t> points(static_cast<size_t>(sample.num_points()));
+    for (size_t n = 0; n < points.size(); ++n) points[n] = static_cast<int64_t>(n);
+    if (options_.points > 0) sample.SelectPoints(EvenlyPicked(points, options_.points));
+    if (options_.frames > 0) return Stretch(sample, rng);
+    return sample;
+  }
+
+ private:
+  absl::Status ReadPictures(const fs::path& clip, Sample& sample) const {
+    std::vector<std::string> frames = NumberedFiles(clip / "frames"), masks = NumberedFiles(clip / "masks");
+    if (frames.empty()) return absl::NotFoundError(absl::StrCat("no frames in ", (clip / "frames").string()));
+    if (!masks.empty() && masks.size() != frames.size()) {
+      return absl::DataLossError(absl::StrCat(clip.string(), " has masks for some frames only"));
+    }
+    if (options_.max_frames > 0 && static_cast<int64_t>(frames.size()) > options_.max_frames) {
+      frames.resize(static_cast<size_t>(options_.max_frames));
+      masks.resize(std::min(masks.size(), frames.size()));
+    }
+    if (absl::Status status = ReadFrames(frames, {}, sample); !status.ok()) return status;
+    return ReadMasks(masks, sample);
+  }
+
+  static absl::Status SetPoints(const json& tracks, const std::string& path, Sample& sample) {
+    const cv::Size2d size(tracks["width"].get<double>(), tracks["height"].get<double>());
+    if (size != cv::Size2d(sample.size().width, sample.size().height))
+      return Wrong(path, "another size than the frames");
+    sample.fps = Number(tracks, "fps", 0);
+    const json& points = tracks["points"];
+    sample.AllocatePoints(static_cast<int64_t>(points.size()));
+    for (int64_t n = 0; n < sample.num_points(); ++n) {
+      if (!SetPoint(points[static_cast<size_t>(n)], n, sample))
+        return Wrong(path, absl::StrCat("point ", n, " is malformed"));
+    }
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<Sample> Stretch(const Sample& sample, Rng& rng) const {
+    const int64_t count = options_.frames, spare = sample.num_frames() - count;
+    if (spare < 0)
+      return absl::FailedPreconditionError(absl::StrCat(sample.source, " has fewer than ", count, " frames"));
+    const int64_t first = rng.Integer(0, spare), points = sample.num_points();
+    const auto cut = [&](const auto& all, int64_t width) {
+      return std::decay_t<decltype(all)>(all.begin() + first * width, all.begin() + (first + count) * width);
+    };
+    Sample part;
+    part.frames = cut(sample.frames, 1);
+    if (sample.has_masks()) part.masks = cut(sample.masks, 1);
+    part.tracks = cut(sample.tracks, 2 * points);
+    part.visible = cut(sample.visible, points);
+    part.valid = cut(sample.valid, points);
+    part.object_ids = sample.object_ids;
+    part.source = absl::StrCat(sample.source, "/", first);
+    part.fps = sample.fps;
+    return part;
+  }
+
+  const NeutralOptions options_;
+  const std::vector<fs::path> clips_;
+};
+
+json PointJson(const Sample& sample, int64_t n) {
+  json point = {{"name", absl::StrCat("p", n)}, {"object", sample.object_ids[static_cast<size_t>(n)]}};
+  json &frames = point["frames"] = json::array(), &xy = point["xy"] = json::array(),
+       &visible = point["visible"] = json::array();
+  for (int64_t s = 0; s < sample.num_frames(); ++s) {
+    if (!sample.Valid(s, n)) continue;
+    const cv::Point2f at = sample.Position(s, n);
+    frames.push_back(s);
+    xy.push_back({std::round(at.x * 1000.0) / 1000, std::round(at.y * 1000.0) / 1000});
+    visible.push_back(sample.Visible(s, n));
+  }
+  return point;
+}
+
+absl::Status WriteTracks(const Sample& sample, const fs::path& path) {
+  json tracks = {{"width", sample.size().width}, {"height", sample.size().height}, {"fps", sample.fps}};
+  tracks["points"] = json::array();
+  for (int64_t n = 0; n < sample.num_points(); ++n) tracks["points"].push_back(PointJson(sample, n));
+  std::ofstream file(path);
+  file << tracks.dump() << "\n";
+  file.close();
+  if (!file) return absl::UnavailableError(absl::StrCat("cannot write ", path.string()));
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Dataset>> Neutral::Create(const NeutralOptions& options) {
+  if (options.frames < 0 || options.max_frames < 0 || options.points < 0) {
+    return absl::InvalidArgumentError("counts must not be negative");
+  }
+  std::vector<fs::path> clips;
+  std::error_code error;
+  if (fs::exists(fs::path(options.root) / "tracks.json")) clips.emplace_back(options.root);
+  const bool folder_of_clips = clips.empty();
+  for (fs::directory_iterator it(options.root, error), end; folder_of_clips && !error && it != end;
+       it.increment(error)) {
+    if (fs::exists(it->path() / "tracks.json")) clips.push_back(it->path());
+  }
+  std::sort(clips.begin(), clips.end());
+  if (clips.empty()) return absl::NotFoundError(absl::StrCat("no clips (tracks.json) in ", options.root));
+  return std::unique_ptr<Dataset>(std::make_unique<NeutralDataset>(options, std::move(clips)));
+}
+
+absl::Status WriteNeutral(const Sample& sample, const std::string& directory) {
+  const fs::path root(directory);
+  std::error_code error;
+  for (const char* folder : {"frames", "masks"}) {
+    if (folder[0] == 'm' && !sample.has_masks()) continue;
+    fs::create_directories(root / folder, error);
+    if (error) return absl::UnavailableError(absl::StrCat("cannot make ", (root / folder).string()));
+  }
+  for (size_t s = 0; s < sample.frames.size(); ++s) {
+    absl::Status written = WriteFrame((root / "frames" / absl::StrFormat("%05d.jpg", s)).string(), sample.frames[s]);
+    if (written.ok() && sample.has_masks()) {
+      written = WriteMask((root / "masks" / absl::StrFormat("%05d.png", s)).string(), sample.masks[s]);
+    }
+    if (!written.ok()) return written;
+  }
+  return WriteTracks(sample, root / "tracks.json");
+}
+
+}  // namespace holdfast

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "api/types.h"
+#include "training/data/dataset.h"
+
+namespace holdfast {
+
+struct EvaluationDataOptions {
+  std::string format;           // see EvaluationFormats
+  std::string dir;              // of the data; unused by synthetic
+  std::string split = "test";   // of pointodyssey
+  std::string pictures;         // of synthetic, as in SyntheticOptions
+  ImageSize size = {320, 256};  // of synthetic clips
+  ImageSize crohd_size;         // crohd is scaled to it when read, as 1000 frames of full size take 6 GB; empty: not
+  int64_t frames = 0;           // of a clip at most; 0: whole sequences, 24 for synthetic
+  int64_t points = 0;           // of a clip at most; 0: all of them, 64 for synthetic
+  size_t count = 0;             // sequences at most; 0: all of them, 20 for synthetic
+  uint64_t seed = 0;            // of synthetic clips
+};
+
+// "neutral", "pointodyssey", "tapvid", "crohd", "synthetic"
+std::vector<std::string> EvaluationFormats();
+
+// Whole sequences with their truth, nothing augmented. INVALID_ARGUMENT for an unknown format, NOT_FOUND for a
+// directory without sequences of that format.
+absl::StatusOr<std::unique_ptr<Dataset>> OpenEvaluationData(const EvaluationDataOptions& options);
+
+}  // namespace holdfast

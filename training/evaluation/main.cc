@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+// holdfast-eval: how well weights track, through the engine that serves them, beside a baseline and the paper.
+#include <unistd.h>
+
+#include <cstdlib>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "api/clock.h"
+#include "io/file_io.h"
+#include "program/flags.h"
+#include "program/openmp_wait.h"
+#include "training/evaluation/evaluator.h"
+#include "training/evaluation/flags.h"
+#include "training/evaluation/report.h"
+#include "training/evaluation/suite.h"
+
+namespace holdfast {
+namespace {
+
+constexpr Program kProgram = {"holdfast-eval",
+                              "holdfast-eval --data=DIR --format=FORMAT --weights=FILE [--baseline=lk] [--json=FILE]\n"
+                              "holdfast-eval --format=synthetic --count=N --seed=S --weights=FILE\n"
+                              "holdfast-eval --suite=paper --data=DIR --weights=FILE\n\n"
+                              "Prints delta, survival, MTE, OA and AJ of every sequence and their mean. Distances are "
+                              "pixels of a 256x256 frame."};
+
+constexpr int kFailure = 1;
+constexpr int kUsageError = 2;
+
+void ShowProgress(size_t index, size_t size) {
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  std::cerr << (terminal ? "\r\033[K" : "") << "sequence " << index + 1 << " of " << size << (terminal ? "" : "\n")
+            << std::flush;
+}
+
+absl::StatusOr<std::vector<Report>> EvaluateData(EvaluationDataOptions data, ImageSize processing_size,
+                                                 EvaluationMethods& methods) {
+  data.crohd_size = processing_size;
+  absl::StatusOr<std::unique_ptr<Dataset>> dataset = OpenEvaluationData(data);
+  if (!dataset.ok()) return dataset.status();
+  absl::StatusOr<std::vector<std::unique_ptr<ClipTracker>>> trackers = methods.At(processing_size);
+  if (!trackers.ok()) return trackers.status();
+  std::vector<ClipTracker*> borrowed;
+  for (const std::unique_ptr<ClipTracker>& tracker : *trackers) borrowed.push_back(tracker.get());
+  EvaluationOptions options;
+  options.progress = ShowProgress;
+  absl::StatusOr<std::vector<Report>> reports = Evaluate(**dataset, borrowed, options, SystemClock());
+  if (isatty(STDERR_FILENO) != 0) std::cerr << "\r\033[K";
+  return reports;
+}
+
+absl::StatusOr<std::vector<Report>> EvaluateSuite(const EvaluateRequest& request, EvaluationMethods& methods) {
+  const auto evaluate = [&](const PublishedResult& published, const std::string& folder) {
+    EvaluationDataOptions data = request.data;
+    data.format = published.format;
+    data.dir = folder;
+    return EvaluateData(data, request.processing_size.empty() ? published.processing_size : request.processing_size,
+                        methods);
+  };
+  const std::vector<SuiteRow> rows = RunSuite(PaperResults(), request.data.dir, evaluate);
+  std::cout << FormatSuite(rows);
+  std::vector<Report> reports;
+  for (const SuiteRow& row : rows) {
+    if (!row.ours.ok()) continue;
+    for (Report report : *row.ours) {
+      report.method = absl::StrCat(row.published.title, ": ", report.method);
+      reports.push_back(std::move(report));
+    }
+  }
+  return reports;
+}
+
+absl::Status Run() {
+  const absl::StatusOr<EvaluateRequest> request = RequestFromFlags();
+  if (!request.ok()) return request.status();
+  absl::StatusOr<std::unique_ptr<EvaluationMethods>> methods = EvaluationMethods::Create(request->methods);
+  if (!methods.ok()) return methods.status();
+  const absl::StatusOr<std::vector<Report>> reports =
+      request->suite ? EvaluateSuite(*request, **methods)
+                     : EvaluateData(request->data, request->processing_size, **methods);
+  if (!reports.ok()) return reports.status();
+  if (!request->suite) {
+    for (const Report& report : *reports) std::cout << FormatReport(report) << "\n";
+  }
+  return request->json.empty() ? absl::OkStatus()
+                               : WriteFileAtomically(request->json, ReportsToJson(*reports, SettingsFromFlags()));
+}
+
+int Main(const std::vector<std::string>& args) {
+  if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
+  absl::Status status = SetFlags(args, std::getenv);
+  if (status.ok()) status = Run();
+  if (status.ok()) return EXIT_SUCCESS;
+  std::cerr << "holdfast-eval: " << status.message() << "\n";
+  return absl::IsInvalidArgument(status) ? kUsageError : kFailure;
+}
+
+}  // namespace
+}  // namespace holdfast
+
+int main(int argc, char** argv) {
+  holdfast::ChooseOpenMpWait(argv);
+  return holdfast::Main({argv + 1, argv + argc});
+}

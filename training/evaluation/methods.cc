@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/evaluation/methods.h"
+
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "api/clock.h"
+#include "server/engine/local_tracker.h"
+#include "server/engine/metrics.h"
+#include "training/evaluation/lk_baseline.h"
+#include "training/evaluation/stream_clip_tracker.h"
+
+namespace holdfast {
+namespace {
+
+std::string NetworkName(const TrackerInfo& info, Chaining chaining) {
+  return absl::StrCat("holdfast ", info.model_name, " (preset ", info.preset, ", weights ",
+                      info.weights_sha256.substr(0, 12), ", ", info.default_iterations, " iterations, hop ",
+                      info.default_hop_frames, chaining == Chaining::kPublished ? ", published chaining, " : ", ",
+                      info.default_motion_prior ? "motion prior, " : "", info.default_polish ? "polish, " : "",
+                      info.precision, " on ", info.device, ")");
+}
+
+class Methods final : public EvaluationMethods {
+ public:
+  explicit Methods(const EvaluationMethodsOptions& options) : options_(options) {}
+
+  absl::Status Load() {
+    if (options_.engine.weights_path.empty()) return absl::OkStatus();
+    absl::StatusOr<std::unique_ptr<Engine>> engine = Engine::Create(options_.engine, clock_, metrics_);
+    if (!engine.ok()) return engine.status();
+    engine_ = *std::move(engine);
+    tracker_ = std::make_unique<LocalTracker>(*engine_);
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<std::vector<std::unique_ptr<ClipTracker>>> At(ImageSize processing_size) override {
+    std::vector<std::unique_ptr<ClipTracker>> methods;
+    if (tracker_ != nullptr) {
+      StreamClipTrackerOptions options;
+      options.name = NetworkName(engine_->info(), options_.engine.chaining);
+      options.processing_size = processing_size;
+      methods.push_back(std::make_unique<StreamClipTracker>(*tracker_, options));
+    }
+    if (options_.lucas_kanade) {
+      absl::StatusOr<std::unique_ptr<ClipTracker>> baseline = CreateLucasKanade({});
+      if (!baseline.ok()) return baseline.status();
+      methods.push_back(*std::move(baseline));
+    }
+    return methods;
+  }
+
+ private:
+  const EvaluationMethodsOptions options_;
+  SystemClock clock_;
+  NullEngineMetrics metrics_;
+  std::unique_ptr<Engine> engine_;  // null without weights
+  std::unique_ptr<LocalTracker> tracker_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<EvaluationMethods>> EvaluationMethods::Create(const EvaluationMethodsOptions& options) {
+  if (options.engine.weights_path.empty() && !options.lucas_kanade) {
+    return absl::InvalidArgumentError("nothing to evaluate: give weights, a baseline or both");
+  }
+  auto methods = std::make_unique<Methods>(options);
+  if (absl::Status loaded = methods->Load(); !loaded.ok()) return loaded;
+  return methods;
+}
+
+}  // namespace holdfast

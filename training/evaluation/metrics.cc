@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/evaluation/metrics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace holdfast {
+namespace {
+
+constexpr double kScoredSide = 256;  // pixels
+constexpr std::array<double, 5> kThresholds = {1, 2, 4, 8, 16};
+
+// One valid frame of one track, after its query.
+struct Pair {
+  int64_t frames_since_query = 0;
+  double error = 0;  // pixels of a 256x256 frame
+  bool truly_visible = false;
+  bool visible = false;  // as estimated
+};
+using Track = std::vector<Pair>;  // in the order of time
+
+double Error(const ScoredVideo& video, int64_t index) {
+  const double dx = double{video.estimate[2 * index]} - video.truth[2 * index];
+  const double dy = double{video.estimate[2 * index + 1]} - video.truth[2 * index + 1];
+  const double error =
+      std::hypot(dx * kScoredSide / video.frame_size.width, dy * kScoredSide / video.frame_size.height);
+  return std::isfinite(error) ? error : std::numeric_limits<double>::infinity();
+}
+
+Track CollectTrack(const ScoredVideo& video, int64_t point) {
+  Track track;
+  const int64_t query = video.query_frames[point];
+  for (int64_t frame = query + 1; frame < video.frames; ++frame) {
+    const int64_t index = video.Index(frame, point);
+    if (!video.valid[index]) continue;
+    track.push_back({frame - query, Error(video, index), video.true_visible[index] != 0,
+                     !video.visible.empty() && video.visible[index] != 0});
+  }
+  return track;
+}
+
+// Percentage of the pairs that 'selects' takes whose error is below a threshold, mean over the thresholds.
+template <typename Selects>
+std::optional<double> DeltaAverage(const std::vector<Track>& tracks, Selects selects) {
+  int64_t pairs = 0;
+  int64_t close = 0;  // summed over thresholds
+  for (const Track& track : tracks) {
+    for (const Pair& pair : track) {
+      if (!selects(pair)) continue;
+      ++pairs;
+      close += std::count_if(kThresholds.begin(), kThresholds.end(), [&](double t) { return pair.error < t; });
+    }
+  }
+  if (pairs == 0) return std::nullopt;
+  return 100.0 * close / (pairs * static_cast<double>(kThresholds.size()));
+}
+
+// Percentage of the frames after the query that pass before the error first exceeds 'limit_px'.
+double SurvivalOf(const Track& track, int64_t frames_after_query, double limit_px) {
+  const auto failure = std::find_if(track.begin(), track.end(), [&](const Pair& p) { return p.error > limit_px; });
+  if (failure == track.end()) return 100;
+  return 100.0 * (failure->frames_since_query - 1) / frames_after_query;
+}
+
+double MedianError(const Track& track) {
+  std::vector<double> errors;
+  for (const Pair& pair : track) errors.push_back(pair.error);
+  std::sort(errors.begin(), errors.end());
+  const size_t middle = errors.size() / 2;
+  return errors.size() % 2 == 1 ? errors[middle] : (errors[middle - 1] + errors[middle]) / 2;
+}
+
+// Share of the estimated or true "visible" that is both and close, as TAP-Vid counts it: a visible estimate that is too
+// far off is a false positive and its visible truth a miss.
+double Jaccard(const std::vector<Track>& tracks, double threshold_px) {
+  int64_t hits = 0;
+  int64_t truths = 0;
+  int64_t false_alarms = 0;
+  for (const Track& track : tracks) {
+    for (const Pair& pair : track) {
+      const bool hit = pair.truly_visible && pair.error < threshold_px;
+      truths += pair.truly_visible;
+      hits += pair.visible && hit;
+      false_alarms += pair.visible && !hit;
+    }
+  }
+  return truths + false_alarms == 0 ? 1.0 : static_cast<double>(hits) / (truths + false_alarms);
+}
+
+void AddVisibilityMetrics(const std::vector<Track>& tracks, Metrics& metrics) {
+  int64_t pairs = 0;
+  int64_t right = 0;
+  for (const Track& track : tracks) {
+    pairs += track.size();
+    right += std::count_if(track.begin(), track.end(), [](const Pair& p) { return p.visible == p.truly_visible; });
+  }
+  metrics.oa = 100.0 * right / pairs;
+  double sum = 0;
+  for (double threshold : kThresholds) sum += Jaccard(tracks, threshold);
+  metrics.aj = 100.0 * sum / kThresholds.size();
+}
+
+}  // namespace
+
+const std::array<MetricColumn, 8>& MetricColumns() {
+  static constexpr std::array<MetricColumn, 8> kColumns = {{{"delta_avg", "d_avg", &Metrics::delta_avg},
+                                                            {"delta_vis", "d_vis", &Metrics::delta_vis},
+                                                            {"delta_occ", "d_occ", &Metrics::delta_occ},
+                                                            {"survival_50", "surv50", &Metrics::survival_50},
+                                                            {"survival_16", "surv16", &Metrics::survival_16},
+                                                            {"mte", "MTE", &Metrics::mte},
+                                                            {"oa", "OA", &Metrics::oa},
+                                                            {"aj", "AJ", &Metrics::aj}}};
+  return kColumns;
+}
+
+Metrics ComputeMetrics(const ScoredVideo& video) {
+  std::vector<Track> tracks;
+  Metrics metrics;
+  double survival_50 = 0;
+  double survival_16 = 0;
+  double median_errors = 0;
+  for (int64_t point = 0; point < video.points; ++point) {
+    Track track = CollectTrack(video, point);
+    if (track.empty()) continue;
+    const int64_t frames_after_query = video.frames - 1 - video.query_frames[point];
+    survival_50 += SurvivalOf(track, frames_after_query, 50);
+    survival_16 += SurvivalOf(track, frames_after_query, 16);
+    median_errors += MedianError(track);
+    tracks.push_back(std::move(track));
+  }
+  if (tracks.empty()) return metrics;
+  metrics.delta_avg = DeltaAverage(tracks, [](const Pair&) { return true; });
+  metrics.delta_vis = DeltaAverage(tracks, [](const Pair& pair) { return pair.truly_visible; });
+  metrics.delta_occ = DeltaAverage(tracks, [](const Pair& pair) { return !pair.truly_visible; });
+  metrics.survival_50 = survival_50 / tracks.size();
+  metrics.survival_16 = survival_16 / tracks.size();
+  metrics.mte = median_errors / tracks.size();
+  if (!video.visible.empty()) AddVisibilityMetrics(tracks, metrics);
+  return metrics;
+}
+
+Metrics MeanMetrics(const std::vector<Metrics>& videos) {
+  Metrics mean;
+  for (const MetricColumn& column : MetricColumns()) {
+    double sum = 0;
+    int64_t count = 0;
+    for (const Metrics& video : videos) {
+      if (!(video.*column.value)) continue;
+      sum += *(video.*column.value);
+      ++count;
+    }
+    if (count > 0) mean.*column.value = sum / count;
+  }
+  return mean;
+}
+
+}  // namespace holdfast

@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/flags.h"
+
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/flags/flag.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/time/time.h"
+#include "model/presets.h"
+
+// The network and its recipe. A flag that is not given leaves what the preset says.
+ABSL_FLAG(std::string, preset, "small", "network and recipe: paper, small or test");
+ABSL_FLAG(std::optional<int64_t>, attention_blocks, std::nullopt, "of the contextual attention; 0: without");
+ABSL_FLAG(std::optional<bool>, visibility_head, std::nullopt, "whether the network says if a point is visible");
+ABSL_FLAG(std::string, init, "", "checkpoint to start from, of this or a similar network; empty: random weights");
+ABSL_FLAG(std::optional<int64_t>, steps, std::nullopt, "optimizer steps; 0: the schedule follows --time_budget");
+ABSL_FLAG(absl::Duration, time_budget, absl::InfiniteDuration(), "of training, over all runs: 30m, 12h");
+ABSL_FLAG(std::optional<int64_t>, batch_size, std::nullopt, "clips a loader batch of each process");
+ABSL_FLAG(std::optional<int64_t>, accumulate, std::nullopt, "loader batches an optimizer step");
+ABSL_FLAG(std::optional<int64_t>, frames, std::nullopt, "of a clip");
+ABSL_FLAG(std::optional<double>, lr, std::nullopt, "highest learning rate");
+ABSL_FLAG(std::optional<double>, warm_up, std::nullopt, "share of the training in which the learning rate rises");
+ABSL_FLAG(std::optional<double>, weight_decay, std::nullopt, "of AdamW");
+ABSL_FLAG(std::optional<double>, clip_norm, std::nullopt, "largest norm of the gradient");
+ABSL_FLAG(std::optional<double>, ema, std::nullopt, "decay of the averaged weights; 0: without");
+ABSL_FLAG(std::optional<bool>, bf16, std::nullopt,
+          "run the network in bfloat16; not given: as the preset says, where this machine computes it fast and right");
+ABSL_FLAG(std::string, loss, "", "paper, or published: as the published code measures distance");
+ABSL_FLAG(std::optional<double>, gamma, std::nullopt, "weight of an iteration relative to the next");
+ABSL_FLAG(std::optional<double>, alpha, std::nullopt, "weight of the objectness loss; 0: without");
+ABSL_FLAG(std::optional<double>, visibility_loss, std::nullopt, "weight of the visibility loss");
+ABSL_FLAG(std::optional<double>, matching_loss, std::nullopt, "weight of the matching loss; 0: without");
+ABSL_FLAG(std::optional<double>, matching_until, std::nullopt, "share of the training in which it fades out");
+ABSL_FLAG(std::optional<double>, noisy_start, std::nullopt, "probability of a start between noise and truth");
+ABSL_FLAG(std::optional<double>, streaming_windows, std::nullopt, "probability of a window as the engine has them");
+ABSL_FLAG(std::optional<double>, chain_start, std::nullopt,
+          "probability that a start goes on by a chain of optical flow instead of standing still");
+ABSL_FLAG(std::optional<int64_t>, motion_ramp_clips, std::nullopt, "synthetic clips until full motion");
+ABSL_FLAG(std::string, phases, "", "until:WIDTHxHEIGHT:points:iterations,... e.g. 0.7:256x192:64:3,1:320x256:64:4");
+
+// The data.
+ABSL_FLAG(std::string, format, "synthetic", "synthetic, pointodyssey or neutral");
+ABSL_FLAG(std::string, data, "", "directory of the data set");
+ABSL_FLAG(std::string, split, "train", "of pointodyssey");
+ABSL_FLAG(std::string, pictures, "", "directory with objects/ and backgrounds/ for synthetic clips");
+ABSL_FLAG(int64_t, clips, 0, "synthetic clips there are; 0: never the same twice");
+ABSL_FLAG(bool, augment, true, "change recorded clips at random");
+ABSL_FLAG(int, workers, 1, "threads that make clips");
+ABSL_FLAG(uint64_t, seed, 0, "of all chance");
+
+// The run.
+ABSL_FLAG(std::string, out, "out/train", "directory of checkpoints, weights and logs; goes on from what is there");
+ABSL_FLAG(std::string, device, "cpu", "as LibTorch names it: cpu, cuda, cuda:1");
+ABSL_FLAG(int, threads, 0, "threads of one tensor operation; 0: all cores");
+ABSL_FLAG(int64_t, checkpoint_every, 500, "steps; 0: at the end only");
+ABSL_FLAG(int64_t, validate_every, 500, "steps; 0: never");
+ABSL_FLAG(int64_t, validation_clips, 16, "in the validation set");
+ABSL_FLAG(int64_t, validation_iterations, 4, "refinement iterations in validation");
+ABSL_FLAG(bool, validate_on_training, false, "the training's first clips instead of clips of another seed or split");
+ABSL_FLAG(int64_t, max_skipped, 25, "steps in a row without a finite gradient that end the training");
+ABSL_FLAG(int64_t, log_every, 20, "steps between plain lines, where there is no terminal");
+ABSL_FLAG(std::string, metrics_address, "", "host:port of Prometheus metrics; empty: none");
+
+namespace holdfast {
+namespace {
+
+constexpr uint64_t kValidationSeed = 1000003;  // of clips no training seed is likely to share
+
+template <typename T>
+void Override(const std::optional<T>& given, T& value) {
+  if (given.has_value()) value = *given;
+}
+
+absl::StatusOr<ModelOptions> NetworkFromFlags() {
+  absl::StatusOr<ModelOptions> network = PresetByName(absl::GetFlag(FLAGS_preset));
+  if (!network.ok()) return absl::InvalidArgumentError(absl::StrCat("--preset: ", network.status().message()));
+  Override(absl::GetFlag(FLAGS_attention_blocks), network->context_blocks);
+  Override(absl::GetFlag(FLAGS_visibility_head), network->visibility_head);
+  const absl::Status status = network->Validate();
+  if (!status.ok()) return status;
+  return network;
+}
+
+absl::Status LossFromFlags(LossOptions& loss) {
+  const std::string form = absl::GetFlag(FLAGS_loss);
+  if (form == "published") {
+    loss.form = DistanceForm::kPublished;
+  } else if (form == "paper") {
+    loss.form = DistanceForm::kPaper;
+  } else if (!form.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat("--loss: expected paper or published, got \"", form, "\""));
+  }
+  Override(absl::GetFlag(FLAGS_gamma), loss.gamma);
+  Override(absl::GetFlag(FLAGS_alpha), loss.alpha);
+  Override(absl::GetFlag(FLAGS_visibility_loss), loss.visibility_weight);
+  Override(absl::GetFlag(FLAGS_matching_loss), loss.matching_weight);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Recipe> RecipeFromFlags() {
+  absl::StatusOr<Recipe> recipe = RecipeByName(absl::GetFlag(FLAGS_preset));
+  if (!recipe.ok()) return absl::InvalidArgumentError(absl::StrCat("--preset: ", recipe.status().message()));
+  if (const absl::Status status = LossFromFlags(recipe->loss); !status.ok()) return status;
+  Override(absl::GetFlag(FLAGS_steps), recipe->steps);
+  Override(absl::GetFlag(FLAGS_batch_size), recipe->batch_size);
+  Override(absl::GetFlag(FLAGS_accumulate), recipe->accumulate);
+  Override(absl::GetFlag(FLAGS_frames), recipe->frames);
+  Override(absl::GetFlag(FLAGS_lr), recipe->schedule.peak_rate);
+  Override(absl::GetFlag(FLAGS_warm_up), recipe->schedule.warm_up);
+  Override(absl::GetFlag(FLAGS_weight_decay), recipe->weight_decay);
+  Override(absl::GetFlag(FLAGS_clip_norm), recipe->clip_norm);
+  Override(absl::GetFlag(FLAGS_ema), recipe->average_decay);
+  Override(absl::GetFlag(FLAGS_bf16), recipe->bfloat16);
+  Override(absl::GetFlag(FLAGS_matching_until), recipe->matching_until);
+  Override(absl::GetFlag(FLAGS_noisy_start), recipe->noisy_start);
+  Override(absl::GetFlag(FLAGS_streaming_windows), recipe->streaming_windows);
+  Override(absl::GetFlag(FLAGS_chain_start), recipe->chain_start);
+  Override(absl::GetFlag(FLAGS_motion_ramp_clips), recipe->motion_ramp_clips);
+  if (absl::GetFlag(FLAGS_phases).empty()) return recipe;
+  absl::StatusOr<std::vector<Phase>> phases = ParsePhases(absl::GetFlag(FLAGS_phases));
+  if (!phases.ok()) return phases.status();
+  recipe->phases = *std::move(phases);
+  return recipe;
+}
+
+void DataFromFlags(TrainRequest& request) {
+  TrainingDataOptions& data = request.data;
+  data.format = absl::GetFlag(FLAGS_format);
+  data.dir = absl::GetFlag(FLAGS_data);
+  data.split = absl::GetFlag(FLAGS_split);
+  data.pictures = absl::GetFlag(FLAGS_pictures);
+  data.clips = absl::GetFlag(FLAGS_clips);
+  data.augment = absl::GetFlag(FLAGS_augment);
+  data.frames = request.trainer.recipe.frames;
+  data.motion_ramp_clips = request.trainer.recipe.motion_ramp_clips;
+  data.seed = absl::GetFlag(FLAGS_seed);
+  TrainingDataOptions& validation = request.validation_data = data;
+  validation.augment = false;
+  if (absl::GetFlag(FLAGS_validate_on_training)) return;
+  validation.motion_ramp_clips = 0;
+  validation.clips = 0;
+  validation.seed = kValidationSeed;
+  if (data.format == "pointodyssey" && data.split == "train") validation.split = "val";
+}
+
+void RunFromFlags(TrainRequest& request) {
+  TrainerOptions& trainer = request.trainer;
+  trainer.directory = absl::GetFlag(FLAGS_out);
+  trainer.seed = absl::GetFlag(FLAGS_seed);
+  trainer.time_budget = absl::GetFlag(FLAGS_time_budget);
+  trainer.checkpoint_every = absl::GetFlag(FLAGS_checkpoint_every);
+  trainer.validate_every = absl::GetFlag(FLAGS_validate_every);
+  trainer.max_skipped_in_row = absl::GetFlag(FLAGS_max_skipped);
+  request.validation_clips = absl::GetFlag(FLAGS_validation_clips);
+  request.validation_iterations = absl::GetFlag(FLAGS_validation_iterations);
+  request.init = absl::GetFlag(FLAGS_init);
+  request.metrics_address = absl::GetFlag(FLAGS_metrics_address);
+  request.log_every = absl::GetFlag(FLAGS_log_every);
+  request.workers = absl::GetFlag(FLAGS_workers);
+  request.threads = absl::GetFlag(FLAGS_threads);
+  request.choose_precision = !absl::GetFlag(FLAGS_bf16).has_value();
+}
+
+absl::Status CheckRun(const TrainRequest& request) {
+  if (request.validation_clips < 0) return absl::InvalidArgumentError("--validation_clips must be 0 or more");
+  if (request.validation_iterations < 1) return absl::InvalidArgumentError("--validation_iterations must be 1 or more");
+  if (request.log_every < 1) return absl::InvalidArgumentError("--log_every must be 1 or more");
+  if (request.workers < 0) return absl::InvalidArgumentError("--workers must be 0 or more");
+  if (request.threads < 0) return absl::InvalidArgumentError("--threads must be 0 or more");
+  if (request.data.clips < 0) return absl::InvalidArgumentError("--clips must be 0 or more");
+  return request.trainer.Validate();
+}
+
+}  // namespace
+
+absl::StatusOr<std::vector<Phase>> ParsePhases(const std::string& text) {
+  std::vector<Phase> phases;
+  for (const absl::string_view part : absl::StrSplit(text, ',')) {
+    const std::vector<std::string> fields = absl::StrSplit(part, ':');
+    Phase phase;
+    std::vector<std::string> size;
+    if (fields.size() == 4) size = absl::StrSplit(fields[1], 'x');
+    if (size.size() != 2 || !absl::SimpleAtod(fields[0], &phase.until) || !absl::SimpleAtoi(size[0], &phase.width) ||
+        !absl::SimpleAtoi(size[1], &phase.height) || !absl::SimpleAtoi(fields[2], &phase.points) ||
+        !absl::SimpleAtoi(fields[3], &phase.iterations)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("--phases: expected until:WIDTHxHEIGHT:points:iterations, got \"", part, "\""));
+    }
+    phases.push_back(phase);
+  }
+  return phases;
+}
+
+absl::StatusOr<TrainRequest> TrainRequestFromFlags() {
+  TrainRequest request;
+  absl::StatusOr<ModelOptions> network = NetworkFromFlags();
+  if (!network.ok()) return network.status();
+  absl::StatusOr<Recipe> recipe = RecipeFromFlags();
+  if (!recipe.ok()) return recipe.status();
+  request.network = *std::move(network);
+  request.trainer.recipe = *std::move(recipe);
+  try {
+    request.trainer.device = torch::Device(absl::GetFlag(FLAGS_device));
+  } catch (const c10::Error&) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--device: LibTorch does not know \"", absl::GetFlag(FLAGS_device), "\""));
+  }
+  DataFromFlags(request);
+  RunFromFlags(request);
+  const absl::Status status = CheckRun(request);
+  if (!status.ok()) return status;
+  return request;
+}
+
+}  // namespace holdfast

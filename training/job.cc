@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/job.h"
+
+#include <torch/utils.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "model/checkpoint/safetensors.h"
+#include "model/presets.h"
+#include "model/thread_count.h"
+#include "training/loss/clip_targets.h"
+#include "training/precision_choice.h"
+#include "training/report/console.h"
+#include "training/report/log_files.h"
+#include "training/report/metrics_port.h"
+#include "training/warm_start.h"
+
+namespace holdfast {
+namespace {
+
+absl::StatusOr<std::unique_ptr<ObserverList>> OpenLogs(const TrainRequest& request, const Clock& clock) {
+  auto observers = std::make_unique<ObserverList>();
+  observers->Add(MakeConsole(std::cout, {isatty(STDOUT_FILENO) != 0, request.log_every}));
+  const std::string& directory = request.trainer.directory;
+  std::error_code error;
+  std::filesystem::create_directories(directory, error);
+  if (error) return absl::PermissionDeniedError(absl::StrCat("cannot make ", directory, ": ", error.message()));
+  absl::StatusOr<std::unique_ptr<TrainingObserver>> json = OpenJsonLog(directory + "/log.jsonl");
+  if (!json.ok()) return json.status();
+  observers->Add(*std::move(json));
+  absl::StatusOr<std::unique_ptr<TrainingObserver>> events = OpenEventLog(directory + "/events", clock.WallNow());
+  if (!events.ok()) return events.status();
+  observers->Add(*std::move(events));
+  if (request.metrics_address.empty()) return observers;
+  absl::StatusOr<std::unique_ptr<TrainingMetrics>> metrics = TrainingMetrics::Listen(request.metrics_address);
+  if (!metrics.ok()) return metrics.status();
+  observers->Notice(absl::StrCat("metrics on port ", (*metrics)->port()));
+  observers->Add(*std::move(metrics));
+  return observers;
+}
+
+// Frames on which the norm after the attention is measured: those of the first training clip.
+absl::StatusOr<torch::Tensor> CalibrationFrames(const TrainRequest& request) {
+  const absl::StatusOr<std::unique_ptr<Dataset>> data =
+      OpenTrainingData(request.data, request.trainer.recipe.phases.front());
+  if (!data.ok()) return data.status();
+  Rng rng(request.data.seed, 0);
+  const absl::StatusOr<Sample> sample = (*data)->Get(0, rng);
+  if (!sample.ok()) return sample.status();
+  const absl::StatusOr<ClipTensors> clip = ToTensors(*sample, request.network.stride);
+  if (!clip.ok()) return clip.status();
+  return clip->frames;
+}
+
+absl::Status StartFrom(const TrainRequest& request, PointModelImpl& model, TrainingObserver& observer) {
+  const absl::StatusOr<TensorFile> file = ReadSafetensors(request.init);
+  if (!file.ok()) return file.status();
+  const absl::StatusOr<torch::Tensor> frames = CalibrationFrames(request);
+  if (!frames.ok()) return frames.status();
+  const absl::StatusOr<WarmStartReport> report = WarmStart(*file, *frames, model);
+  if (!report.ok()) return absl::InvalidArgumentError(absl::StrCat("--init: ", report.status().message()));
+  observer.Notice(absl::StrCat("starting from ", request.init, ": ", report->copied, " parameters copied, ",
+                               report->padded.size(), " padded, ", report->fresh.size(), " fresh"));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<PointModel> MakeNetwork(const TrainRequest& request, TrainingObserver& observer) {
+  torch::manual_seed(request.trainer.seed);
+  PointModel model(request.network);
+  if (!request.init.empty()) {
+    const absl::Status status = StartFrom(request, *model, observer);
+    if (!status.ok()) return status;
+  }
+  model->to(request.trainer.device);
+  return model;
+}
+
+absl::StatusOr<std::optional<Validation>> OpenValidation(const TrainRequest& request) {
+  if (request.validation_clips == 0 || request.trainer.validate_every == 0) return std::nullopt;
+  const absl::StatusOr<std::unique_ptr<Dataset>> data =
+      OpenTrainingData(request.validation_data, request.trainer.recipe.phases.back());
+  if (!data.ok()) return data.status();
+  absl::StatusOr<Validation> validation =
+      Validation::Create(**data, request.validation_clips, request.validation_data.seed, request.validation_iterations);
+  if (!validation.ok()) return validation.status();
+  return *std::move(validation);
+}
+
+// What is trained may be finished on another machine: the recipe stays as it is.
+TrainerOptions FitToMachine(const TrainRequest& request, const PointModel& model, TrainingObserver& observer) {
+  TrainerOptions options = request.trainer;
+  if (!options.recipe.bfloat16 || !request.choose_precision) return options;
+  const std::optional<std::string> why = WhyNotBfloat16(model, options.recipe.phases);
+  if (!why) return options;
+  options.bfloat16_unfit = true;
+  observer.Notice(absl::StrCat("training in float32: ", *why));
+  return options;
+}
+
+std::string Describe(const TrainRequest& request, const PointModelImpl& model, const ProcessGroup& group) {
+  return absl::StrCat("network ", PresetName(request.network), ", ", model.ParameterCount(), " parameters; ",
+                      group.world(), group.world() == 1 ? " process; " : " processes; ",
+                      Describe(request.trainer.recipe));
+}
+
+}  // namespace
+
+absl::Status RunTraining(const TrainRequest& request, const GroupOptions& options, const std::atomic<bool>& stop) {
+  const SystemClock clock;
+  torch::set_num_threads(ThreadCount(request.threads));
+  auto group = ProcessGroup::Join(options, request.trainer.device.type());
+  if (!group.ok()) return group.status();
+  const bool leads = (*group)->rank() == 0;
+  auto observers = leads ? OpenLogs(request, clock) : std::make_unique<ObserverList>();
+  if (!observers.ok()) return observers.status();
+  auto model = MakeNetwork(request, **observers);
+  if (!model.ok()) return model.status();
+  (*observers)->Notice(Describe(request, **model, **group));
+  auto validation = leads ? OpenValidation(request) : std::nullopt;
+  if (!validation.ok()) return validation.status();
+  TrainingClips clips(request.data,
+                      {request.trainer.recipe.batch_size, request.workers, (*group)->rank(), (*group)->world()});
+  TrainerParts parts = {*model, &clips, nullptr, group->get(), observers->get(), &clock, &stop};
+  if (validation->has_value()) parts.validation = &**validation;
+  auto trainer = Trainer::Create(FitToMachine(request, *model, **observers), parts);
+  if (!trainer.ok()) return trainer.status();
+  const absl::StatusOr<TrainingSummary> summary = (*trainer)->Run();
+  if (!summary.ok()) return summary.status();
+  (*observers)
+      ->Notice(absl::StrFormat("%s at step %d; best validation delta_vis %.1f",
+                               summary->reason == StopReason::kFinished ? "finished" : "stopped", summary->step,
+                               summary->best));
+  return absl::OkStatus();
+}
+
+}  // namespace holdfast
