@@ -10,9 +10,11 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/synchronization/notification.h"
 #include "api/clock.h"
 #include "program/flags.h"
 #include "program/openmp_wait.h"
+#include "program/termination.h"
 #include "server/engine/engine.h"
 #include "server/flags.h"
 #include "server/http_endpoint.h"
@@ -20,7 +22,6 @@
 #include "server/port_file.h"
 #include "server/prometheus_metrics.h"
 #include "server/server.h"
-#include "server/signals.h"
 
 namespace holdfast {
 namespace {
@@ -35,8 +36,8 @@ std::string Describe(const TrackerInfo& info) {
                       info.precision, " on ", info.device);
 }
 
-// Serves until a termination signal.
-absl::Status Run(const ServerOptions& options, const TerminationSignals& signals,
+// Serves until 'asked_to_stop'.
+absl::Status Run(const ServerOptions& options, const absl::Notification& asked_to_stop,
                  const std::shared_ptr<spdlog::logger>& log) {
   SystemClock clock;
   PrometheusMetrics metrics(log);
@@ -61,7 +62,7 @@ absl::Status Run(const ServerOptions& options, const TerminationSignals& signals
     if (!written.ok()) return written;
   }
 
-  signals.Wait();
+  asked_to_stop.WaitForNotification();
   log->info(absl::StrCat("shutting down; sessions have ", absl::FormatDuration(options.grace_period), " to finish"));
   (*server)->Drain();
   log->info("bye");
@@ -81,9 +82,12 @@ int Main(const std::vector<std::string>& args) {
     std::cerr << "holdfast-server: " << options.status().message() << "\n";
     return absl::IsNotFound(options.status()) ? 1 : 2;
   }
-  const TerminationSignals signals;
+  absl::Notification asked_to_stop;
+  StopSignal stop;
+  stop.SetCallback([&asked_to_stop] { asked_to_stop.Notify(); });
+  const TerminationWatcher watcher(stop);
   const auto log = MakeLogger(options->log_format, options->log_level);
-  const absl::Status status = Run(*options, signals, log);
+  const absl::Status status = Run(*options, asked_to_stop, log);
   if (!status.ok()) log->error(absl::StrCat("cannot serve: ", status.message()));
   return status.ok() ? 0 : 1;
 }

@@ -3,6 +3,7 @@
 // wrong flags.
 #include <malloc.h>
 
+#include <atomic>
 #include <cstdlib>
 #include <iostream>
 #include <string>
@@ -10,9 +11,9 @@
 
 #include "program/flags.h"
 #include "program/openmp_wait.h"
+#include "program/termination.h"
 #include "training/flags.h"
 #include "training/job.h"
-#include "training/stop_signal.h"
 
 namespace holdfast {
 namespace {
@@ -50,12 +51,15 @@ int Fail(const absl::Status& status, int exit_status) {
 int Main(const std::vector<std::string>& args) {
   if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
   KeepFreedMemory();
-  const SignalFlag stop;
+  std::atomic<bool> asked_to_stop{false};
+  StopSignal stop;
+  stop.SetCallback([&asked_to_stop] { asked_to_stop = true; });
+  const TerminationWatcher watcher(stop);
   const absl::StatusOr<TrainRequest> request = ReadRequest(args);
   if (!request.ok()) return Fail(request.status(), kUsageError);
   const absl::StatusOr<GroupOptions> group = GroupOptionsFromEnvironment(std::getenv);
   if (!group.ok()) return Fail(group.status(), kUsageError);
-  const absl::Status status = RunTraining(*request, *group, stop.requested());
+  const absl::Status status = RunTraining(*request, *group, asked_to_stop);
   return status.ok() ? EXIT_SUCCESS : Fail(status, kFailure);
 }
 

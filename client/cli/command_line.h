@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "client/cli/interrupt.h"
 #include "program/flags.h"
+#include "program/termination.h"
 
 namespace holdfast {
 

@@ -7,12 +7,13 @@
 #include <opencv2/core/utils/logger.hpp>
 
 #include "client/cli/command_line.h"
+#include "program/termination.h"
 
 int main(int argc, char** argv) {
   // What OpenCV has to say of files it cannot open is said better by the commands.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   holdfast::StopSignal stop;
-  holdfast::InterruptWatcher watcher(stop);
+  holdfast::TerminationWatcher watcher(stop);
   const holdfast::Console console{std::cout, std::cerr, isatty(STDERR_FILENO) != 0,
                                   [](const char* name) { return std::getenv(name); }};
   const int code = holdfast::RunCommandLine({argv + 1, argv + argc}, console, stop);

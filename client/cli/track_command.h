@@ -11,9 +11,9 @@
 #include "absl/status/statusor.h"
 #include "api/point_tracker.h"
 #include "api/types.h"
-#include "client/cli/interrupt.h"
 #include "client/cli/overlay_video.h"
 #include "client/cli/point_source.h"
+#include "program/termination.h"
 
 namespace holdfast {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/interrupt.h"
+#include "program/termination.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -40,11 +40,11 @@ TEST(StopSignalTest, ACallbackThatComesLateRunsAtOnce) {
   EXPECT_TRUE(called);
 }
 
-TEST(InterruptWatcherTest, AnInterruptStopsInsteadOfKilling) {
+TEST(TerminationWatcherTest, AnInterruptStopsInsteadOfKilling) {
   StopSignal stop;
   absl::Notification stopped;
   stop.SetCallback([&stopped] { stopped.Notify(); });
-  const InterruptWatcher watcher(stop);
+  const TerminationWatcher watcher(stop);
   kill(getpid(), SIGINT);
   stopped.WaitForNotification();
   EXPECT_TRUE(stop.stopped());
@@ -55,7 +55,7 @@ TEST(InterruptWatcherTest, AnInterruptStopsInsteadOfKilling) {
   StopSignal stop;
   absl::Notification stopped;
   stop.SetCallback([&stopped] { stopped.Notify(); });
-  const InterruptWatcher watcher(stop);
+  const TerminationWatcher watcher(stop);
   kill(getpid(), first);
   stopped.WaitForNotification();
   kill(getpid(), second);
@@ -65,22 +65,35 @@ TEST(InterruptWatcherTest, AnInterruptStopsInsteadOfKilling) {
 
 [[noreturn]] void ReceiveWithoutListener(int signal) {
   StopSignal stop;
-  const InterruptWatcher watcher(stop);
+  const TerminationWatcher watcher(stop);
   kill(getpid(), signal);
   absl::Notification().WaitForNotification();
   std::abort();
 }
 
-TEST(InterruptWatcherTest, ASecondInterruptEndsTheProcess) {
+TEST(TerminationWatcherTest, ASecondInterruptEndsTheProcess) {
   ::testing::FLAGS_gtest_death_test_style = "threadsafe";
   EXPECT_EXIT(ReceiveTwice(SIGINT, SIGINT), ::testing::ExitedWithCode(130), "");
   EXPECT_EXIT(ReceiveTwice(SIGINT, SIGTERM), ::testing::ExitedWithCode(143), "");
 }
 
-TEST(InterruptWatcherTest, AnInterruptThatNobodyListensToEndsTheProcess) {
+TEST(TerminationWatcherTest, AnInterruptThatNobodyListensToEndsTheProcess) {
   ::testing::FLAGS_gtest_death_test_style = "threadsafe";
   EXPECT_EXIT(ReceiveWithoutListener(SIGINT), ::testing::ExitedWithCode(130), "");
   EXPECT_EXIT(ReceiveWithoutListener(SIGTERM), ::testing::ExitedWithCode(143), "");
+}
+
+TEST(TerminationWatcherTest, WhereOneHasGoneAwayTheNextOneGetsTheSignals) {
+  StopSignal early, late;
+  absl::Notification stopped;
+  early.SetCallback([] {});
+  late.SetCallback([&stopped] { stopped.Notify(); });
+  { const TerminationWatcher watcher(early); }
+  const TerminationWatcher watcher(late);
+  kill(getpid(), SIGTERM);
+  stopped.WaitForNotification();
+  EXPECT_EQ(late.signal(), SIGTERM);
+  EXPECT_FALSE(early.stopped());
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// How programs are asked to end: SIGINT and SIGTERM as an event that callers listen to, and the exit code afterwards.
 #pragma once
 
 #include <csignal>
@@ -32,12 +33,12 @@ constexpr int SignalExitCode(int signal) { return 128 + signal; }
 
 // Turns SIGINT and SIGTERM of this process into a StopSignal. One that nobody listens to ends the process at once with
 // SignalExitCode, and so does the second one. Construct it before any thread is started: these inherit that the signals
-// are blocked.
-class InterruptWatcher {
+// are blocked. One object a process.
+class TerminationWatcher {
  public:
   // 'stop' must outlive the watcher.
-  explicit InterruptWatcher(StopSignal& stop);
-  ~InterruptWatcher();
+  explicit TerminationWatcher(StopSignal& stop);
+  ~TerminationWatcher();
 
  private:
   void Watch();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/interrupt.h"
+#include "program/termination.h"
 
 #include <poll.h>
 #include <sys/eventfd.h>
@@ -30,7 +30,7 @@ void StopSignal::SetCallback(std::function<void()> on_stop) {
   if (signal_ != 0 && on_stop_) on_stop_();
 }
 
-InterruptWatcher::InterruptWatcher(StopSignal& stop) : stop_(stop) {
+TerminationWatcher::TerminationWatcher(StopSignal& stop) : stop_(stop) {
   sigset_t set;
   sigemptyset(&set);
   sigaddset(&set, SIGINT);
@@ -41,7 +41,7 @@ InterruptWatcher::InterruptWatcher(StopSignal& stop) : stop_(stop) {
   thread_ = std::thread([this] { Watch(); });
 }
 
-InterruptWatcher::~InterruptWatcher() {
+TerminationWatcher::~TerminationWatcher() {
   const uint64_t one = 1;
   const ssize_t written = write(over_, &one, sizeof(one));
   static_cast<void>(written);  // an eventfd takes one write
@@ -50,7 +50,7 @@ InterruptWatcher::~InterruptWatcher() {
   close(over_);
 }
 
-void InterruptWatcher::Watch() {
+void TerminationWatcher::Watch() {
   pollfd events[] = {{signals_, POLLIN, 0}, {over_, POLLIN, 0}};
   while (poll(events, 2, -1) >= 0 && (events[1].revents & POLLIN) == 0) {
     signalfd_siginfo info;
