@@ -1,19 +1,45 @@
 // SPDX-License-Identifier: Apache-2.0
+// The one way in which files are written: under a temporary name first, so that readers, and a crash, see a whole file
+// or none.
 #pragma once
 
 #include <functional>
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 
 namespace holdfast {
 
-// Where a file is made before it gets its name: in the same directory and with the same suffix as 'path'.
-std::string TemporaryName(const std::string& path);
+// A file in the making, for writers that take a name and write for a while.
+class PendingFile {
+ public:
+  // Makes nothing yet.
+  explicit PendingFile(std::string path);
+  // Removes the temporary file unless Commit gave it its name.
+  ~PendingFile();
+  PendingFile(const PendingFile&) = delete;
+  PendingFile& operator=(const PendingFile&) = delete;
+
+  const std::string& path() const { return path_; }
+  // Where to write: a name that nobody else has, in the directory and with the suffix of path().
+  const std::string& temporary() const { return temporary_; }
+  // Syncs what was written, gives it its name and syncs the directory. On an error path() is what it was, and the
+  // temporary file goes away with this object. REQUIRES: the file is written and closed.
+  absl::Status Commit();
+
+ private:
+  const std::string path_;
+  const std::string temporary_;
+  bool committed_ = false;
+};
 
 // Lets 'write' make the file under a temporary name, then gives it its own; on an error nothing is left behind and a
 // file that had the name before is untouched.
 absl::Status WriteAtomically(const std::string& path, const std::function<absl::Status(const std::string&)>& write);
+
+// The same for bytes in memory; mode 0644 less the umask.
+absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes);
 
 // OK where a file can be made beside 'path' and take its name; makes one and removes it.
 absl::Status CheckWritable(const std::string& path);

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "io/quoted.h"
 
 namespace holdfast {
 namespace {
@@ -34,7 +34,7 @@ class LimitCheck : public nlohmann::json_sax<Json> {
 
   bool key(string_t& name) override {
     if (keys_.back().insert(name).second) return true;
-    problem_ = absl::StrCat("key '", absl::CHexEscape(name.substr(0, 120)), "' stands twice");
+    problem_ = absl::StrCat("key ", Quoted(name), " stands twice");
     return false;
   }
 

@@ -8,52 +8,13 @@
 
 #include <cassert>
 #include <cerrno>
-#include <cstdio>
-#include <filesystem>
-#include <random>
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "io/descriptor.h"
 
 namespace holdfast {
 namespace {
-
-absl::Status SystemError(absl::string_view action, absl::string_view path) {
-  return absl::ErrnoToStatus(errno, absl::StrCat("cannot ", action, " '", path, "'"));
-}
-
-// Owns a file descriptor; Close() reports what the destructor cannot.
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-
-  bool valid() const { return fd_ >= 0; }
-  int get() const { return fd_; }
-  bool Close() {
-    const int fd = fd_;
-    fd_ = -1;
-    return ::close(fd) == 0;
-  }
-
- private:
-  int fd_;
-};
-
-// False with errno set.
-bool WriteAll(int fd, absl::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
-    if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return false;
-    bytes.remove_prefix(static_cast<size_t>(written));
-  }
-  return true;
-}
 
 // False with errno set, or with errno 0 when the file ends early.
 bool ReadAll(int fd, std::string& bytes) {
@@ -66,30 +27,6 @@ bool ReadAll(int fd, std::string& bytes) {
     done += static_cast<size_t>(got);
   }
   return true;
-}
-
-// A name that no other writer of this directory has. Short, so that a long final name does not make it too long.
-std::string TemporaryName(const std::filesystem::path& directory) {
-  std::random_device random;
-  const uint64_t number = (uint64_t{random()} << 32) | random();
-  return (directory / absl::StrCat(".holdfast-", absl::Hex(number, absl::kZeroPad16), ".tmp")).string();
-}
-
-absl::Status WriteAndSync(const std::string& path, absl::string_view bytes) {
-  Descriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
-  if (!file.valid()) return SystemError("create", path);
-  if (!WriteAll(file.get(), bytes)) return SystemError("write", path);
-  if (::fsync(file.get()) != 0) return SystemError("sync", path);
-  if (!file.Close()) return SystemError("close", path);
-  return absl::OkStatus();
-}
-
-// Some file systems cannot sync a directory (EINVAL) and need not.
-absl::Status SyncDirectory(const std::string& directory) {
-  const Descriptor fd(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (!fd.valid()) return SystemError("open", directory);
-  if (::fsync(fd.get()) != 0 && errno != EINVAL) return SystemError("sync", directory);
-  return absl::OkStatus();
 }
 
 }  // namespace
@@ -110,19 +47,6 @@ absl::StatusOr<std::string> ReadFile(const std::string& path, int64_t max_bytes)
     return SystemError("read", path);
   }
   return bytes;
-}
-
-absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes) {
-  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
-  const std::filesystem::path directory = parent.empty() ? "." : parent;
-  const std::string temporary = TemporaryName(directory);
-  absl::Status status = WriteAndSync(temporary, bytes);
-  if (status.ok() && ::rename(temporary.c_str(), path.c_str()) != 0) status = SystemError("write", path);
-  if (!status.ok()) {
-    ::unlink(temporary.c_str());
-    return status;
-  }
-  return SyncDirectory(directory.string());
 }
 
 std::string Sha256Hex(absl::string_view bytes) {

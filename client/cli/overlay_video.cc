@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/overlay_video.h"
 
-#include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 #include <utility>
 
@@ -11,8 +10,6 @@
 
 namespace holdfast {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr int kHeldQuality = 97;
 
@@ -31,16 +28,9 @@ absl::Status OverlayVideo::Options::Validate() const {
 OverlayVideo::OverlayVideo(Options options, const VideoFacts& video)
     : options_(std::move(options)), video_(video), painter_(options_.trail_frames) {}
 
-OverlayVideo::~OverlayVideo() {
-  if (temporary_.empty()) return;
-  writer_.release();
-  std::error_code ignored;
-  fs::remove(temporary_, ignored);
-}
-
 absl::Status OverlayVideo::Add(const cv::Mat& frame) {
   if (!options_.wanted()) return absl::OkStatus();
-  if (!options_.video.empty() && temporary_.empty()) {
+  if (!options_.video.empty() && !file_) {
     const absl::Status opened = OpenWriter();
     if (!opened.ok()) return opened;
   }
@@ -68,12 +58,12 @@ absl::Status OverlayVideo::Paint(const TrackTable& table, int64_t end) {
 }
 
 absl::Status OverlayVideo::OpenWriter() {
-  temporary_ = TemporaryName(options_.video);
+  file_.emplace(options_.video);
   const cv::Size size(video_.size.width, video_.size.height);
   // H.264 plays everywhere; MPEG-4 part 2 is there where no H.264 encoder is.
   for (const char* codec : {"avc1", "mp4v"}) {
     const int code = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
-    if (writer_.open(temporary_, cv::CAP_FFMPEG, code, video_.fps, size)) return absl::OkStatus();
+    if (writer_.open(file_->temporary(), cv::CAP_FFMPEG, code, video_.fps, size)) return absl::OkStatus();
   }
   return absl::UnavailableError(absl::StrCat(options_.video, ": no encoder for H.264 or MPEG-4 can write it"));
 }
@@ -91,13 +81,11 @@ absl::Status OverlayVideo::Close() {
 }
 
 absl::Status OverlayVideo::CloseVideo() {
-  if (temporary_.empty()) return absl::OkStatus();
+  if (!file_) return absl::OkStatus();
   writer_.release();
-  std::error_code error;
-  fs::rename(temporary_, options_.video, error);
-  if (error) return absl::InternalError(absl::StrCat(options_.video, ": ", error.message()));
-  temporary_.clear();
-  return absl::OkStatus();
+  const absl::Status status = file_->Commit();
+  file_.reset();
+  return status;
 }
 
 absl::Status OverlayVideo::CloseStill() {

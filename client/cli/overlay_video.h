@@ -5,6 +5,7 @@
 #include <deque>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "client/cli/overlay.h"
 #include "client/cli/track_table.h"
 #include "client/cli/track_writer.h"
+#include "io/atomic_file.h"
 
 namespace holdfast {
 
@@ -29,9 +31,8 @@ class OverlayVideo {
     bool wanted() const { return !video.empty() || !still.empty(); }
   };
 
+  // A video that is not closed is discarded with this object.
   OverlayVideo(Options options, const VideoFacts& video);
-  // A video that was not closed is discarded.
-  ~OverlayVideo();
 
   // The next frame of the source. The first one opens the video, so that what cannot be written is known early.
   absl::Status Add(const cv::Mat& frame);
@@ -51,7 +52,7 @@ class OverlayVideo {
   const OverlayPainter painter_;
   std::deque<std::vector<uint8_t>> held_;  // as JPEG: a tenth of the memory
   int64_t painted_ = 0;                    // frames
-  std::string temporary_;                  // of the open video
+  std::optional<PendingFile> file_;        // of the open video; outlives its writer
   cv::VideoWriter writer_;
   cv::Mat still_;
 };

@@ -6,9 +6,9 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "io/quoted.h"
 
 namespace holdfast {
 namespace {
@@ -16,8 +16,6 @@ namespace {
 constexpr char kOptionsKey[] = "holdfast.model";
 constexpr char kNameKey[] = "holdfast.name";
 constexpr int64_t kMaxFileBytes = int64_t{2} << 30;
-
-std::string Quoted(absl::string_view name) { return absl::StrCat("'", absl::CHexEscape(name.substr(0, 120)), "'"); }
 
 // Names of one kind of fault, the first few of them.
 class Names {

@@ -6,10 +6,11 @@
 #include <exception>
 #include <vector>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "io/atomic_file.h"
 #include "io/bounded_json.h"
+#include "io/quoted.h"
 
 namespace holdfast {
 namespace {
@@ -40,8 +41,6 @@ struct Entry {
   uint64_t begin = 0;  // bytes after the header
   uint64_t end = 0;
 };
-
-std::string Quoted(absl::string_view name) { return absl::StrCat("'", absl::CHexEscape(name.substr(0, 120)), "'"); }
 
 absl::Status Bad(absl::string_view tensor, absl::string_view problem) {
   return absl::InvalidArgumentError(absl::StrCat("safetensors: tensor ", Quoted(tensor), ": ", problem));

@@ -5,8 +5,8 @@
 #include <unordered_map>
 #include <utility>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "io/quoted.h"
 #include "model/torch_import/pickle_stack.h"
 #include "model/torch_import/torch_pickle.h"
 
@@ -19,8 +19,6 @@ constexpr size_t kMaxBytes = size_t{8} << 20;
 constexpr size_t kMaxValues = size_t{1} << 20;
 
 // For messages.
-std::string Quoted(absl::string_view name) { return absl::StrCat("'", absl::CHexEscape(name.substr(0, 120)), "'"); }
-
 // The stack machine. Each operation returns false after Fail() said why.
 class Machine {
  public:

@@ -12,10 +12,10 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "io/quoted.h"
 #include "model/torch_import/pickle.h"
 
 namespace holdfast {
@@ -29,8 +29,6 @@ constexpr char kModulePrefix[] = "module.";
 constexpr zip_int64_t kMaxEntries = 100000;
 constexpr uint64_t kMaxPickleBytes = uint64_t{8} << 20;
 constexpr uint64_t kMaxTensorBytes = uint64_t{2} << 30;  // of all storages together, and of all tensors
-
-std::string Quoted(absl::string_view name) { return absl::StrCat("'", absl::CHexEscape(name.substr(0, 120)), "'"); }
 
 absl::Status Bad(absl::string_view what, absl::string_view problem) {
   return absl::InvalidArgumentError(absl::StrCat(Quoted(what), ": ", problem));

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "io/atomic_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 

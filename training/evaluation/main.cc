@@ -11,7 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "api/clock.h"
-#include "io/file_io.h"
+#include "io/atomic_file.h"
 #include "program/flags.h"
 #include "program/openmp_wait.h"
 #include "training/evaluation/evaluator.h"
