@@ -13,6 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+#include "api/limits.h"
 
 namespace holdfast {
 
@@ -20,11 +21,6 @@ struct FieldViolation {
   std::string field;        // path of the field, e.g. "config.points[3].x"
   std::string description;  // the value and what was expected
 };
-
-// An error names this many violations and counts the rest: a request of a million mistakes is answered briefly.
-constexpr size_t kMaxFieldViolations = 8;
-// Bytes of a field's path, and of a description, that an error quotes.
-constexpr size_t kMaxViolationText = 160;
 
 // What is wrong with one request, as far as an error names it.
 class Violations {

@@ -9,22 +9,12 @@
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "api/image_size.h"
 
 namespace holdfast {
 
 // Chosen by the caller, unique within a session.
 using PointId = uint64_t;
-
-// Most points of a message, whatever a server's own limit is: longer lists are refused before they are looked at.
-constexpr int kMaxPointsInMessage = 1 << 16;
-
-struct ImageSize {
-  int width = 0;   // pixels
-  int height = 0;  // pixels
-  bool empty() const { return width == 0 && height == 0; }
-  friend bool operator==(const ImageSize& a, const ImageSize& b) { return a.width == b.width && a.height == b.height; }
-  friend bool operator!=(const ImageSize& a, const ImageSize& b) { return !(a == b); }
-};
 
 enum class FrameEncoding {
   kJpeg,
@@ -61,7 +51,7 @@ struct SessionConfig {
   std::optional<bool> motion_prior;  // windows start from where optical flow leads; empty: the engine's default
   std::optional<bool> polish;        // final positions are moved to where the picture says; empty: the engine's default
   std::vector<PointQuery> points;    // queried at the first frame
-  std::string label;                 // for logs only; at most 128 bytes
+  std::string label;                 // for logs only; at most kMaxLabelBytes
 };
 
 struct Frame {

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "proto/convert.h"
 
-#include <cmath>
-#include <limits>
 #include <string>
 #include <utility>
 
-#include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
 #include "api/errors.h"
 #include "proto/convert_values.h"
@@ -20,8 +17,6 @@ using internal::SizeToProto;
 
 constexpr uint32_t kMaxSide = 1 << 16;  // pixels; keeps width x height x 3 far from overflow
 constexpr uint32_t kMaxCount = 1 << 20;
-constexpr size_t kMaxLabelBytes = 128;
-constexpr int kSizeMultiple = 32;
 
 v1::FrameEncoding EncodingToProto(FrameEncoding encoding) {
   switch (encoding) {
@@ -58,18 +53,12 @@ FrameEncoding EncodingFromProto(v1::FrameEncoding encoding, Violations& violatio
   }
 }
 
-// A size in which both sides are within 1 .. kMaxSide and divisible by 'multiple'; empty when it is not.
-ImageSize CheckedSize(const v1::ImageSize& size, const std::string& field, int multiple, Violations& violations) {
-  const auto good = [multiple](uint32_t side) { return side >= 1 && side <= kMaxSide && side % multiple == 0; };
+// A size of which both sides are within 1 .. kMaxSide; empty when it is not.
+ImageSize CheckedSize(const v1::ImageSize& size, const std::string& field, Violations& violations) {
+  const auto good = [](uint32_t side) { return side >= 1 && side <= kMaxSide; };
   if (good(size.width()) && good(size.height())) return SizeFromProto(size);
-  violations.Add(field, absl::StrCat("is ", size.width(), "x", size.height(), ", expected multiples of ", multiple,
-                                     " up to ", kMaxSide));
-  return {};
-}
-
-ImageSize RawSizeFromProto(const v1::SessionConfig& config, FrameEncoding encoding, Violations& violations) {
-  if (IsRaw(encoding)) return CheckedSize(config.raw_size(), "config.raw_size", 1, violations);
-  if (config.has_raw_size()) violations.Add("config.raw_size", "is set, expected absent: the encoding is not raw");
+  violations.Add(
+      field, absl::StrCat("is ", size.width(), "x", size.height(), ", expected sides of 1 to ", kMaxSide, " pixels"));
   return {};
 }
 
@@ -77,8 +66,6 @@ Emit EmitFromProto(const v1::SessionConfig& config, Violations& violations) {
   if (config.emit() != v1::EMIT_WINDOWS && config.emit() != v1::EMIT_EVERY_FRAME) {
     violations.Add("config.emit",
                    absl::StrCat("is ", static_cast<int>(config.emit()), ", expected WINDOWS or EVERY_FRAME"));
-  } else if (config.emit() == v1::EMIT_EVERY_FRAME && config.final_only()) {
-    violations.Add("config.emit", "is EVERY_FRAME, whose estimates are provisional; expected final_only to be false");
   }
   return config.emit() == v1::EMIT_EVERY_FRAME ? Emit::kEveryFrame : Emit::kWindows;
 }
@@ -107,34 +94,12 @@ bool CountIsGood(int count, const std::string& field, Violations& violations) {
   return false;
 }
 
-// What is wrong with one coordinate of element 'index' of the list 'field'.
-void CheckCoordinate(float value, absl::string_view field, size_t index, absl::string_view axis,
-                     Violations& violations) {
-  if (std::isfinite(value) && value >= 0) return;
-  violations.AddMade([&] {
-    return FieldViolation{absl::StrCat(field, "[", index, "]", axis),
-                          absl::StrCat("is ", value, ", expected a position inside the frame")};
-  });
-}
-
 template <typename Points>
 std::vector<PointQuery> PointsFromProto(const Points& points, const std::string& field, Violations& violations) {
   std::vector<PointQuery> result;
   if (!CountIsGood(points.size(), field, violations)) return result;
   result.reserve(points.size());
-  absl::flat_hash_set<PointId> seen;
-  for (const v1::Point& point : points) {
-    const size_t index = result.size();
-    CheckCoordinate(point.x(), field, index, ".x", violations);
-    CheckCoordinate(point.y(), field, index, ".y", violations);
-    if (!seen.insert(point.id()).second) {
-      violations.AddMade([&] {
-        return FieldViolation{absl::StrCat(field, "[", index, "].id"),
-                              absl::StrCat("is ", point.id(), " once more in the same message")};
-      });
-    }
-    result.push_back({point.id(), point.x(), point.y()});
-  }
+  for (const v1::Point& point : points) result.push_back({point.id(), point.x(), point.y()});
   return result;
 }
 
@@ -167,9 +132,9 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   Violations violations;
   SessionConfig out;
   out.encoding = EncodingFromProto(config.encoding(), violations);
-  out.raw_size = RawSizeFromProto(config, out.encoding, violations);
+  if (config.has_raw_size()) out.raw_size = CheckedSize(config.raw_size(), "config.raw_size", violations);
   if (config.has_processing_size()) {
-    out.processing_size = CheckedSize(config.processing_size(), "config.processing_size", kSizeMultiple, violations);
+    out.processing_size = CheckedSize(config.processing_size(), "config.processing_size", violations);
   }
   out.hop_frames = CountFromProto(config.hop_frames(), "config.hop_frames", violations);
   out.iterations = CountFromProto(config.iterations(), "config.iterations", violations);
@@ -178,12 +143,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   out.emit = EmitFromProto(config, violations);
   if (config.has_motion_prior()) out.motion_prior = config.motion_prior();
   if (config.has_polish()) out.polish = config.polish();
-  if (config.label().size() <= kMaxLabelBytes) {
-    out.label = config.label();
-  } else {
-    violations.Add("config.label",
-                   absl::StrCat("has ", config.label().size(), " bytes, expected at most ", kMaxLabelBytes));
-  }
+  out.label = config.label();
   if (!violations.empty()) return violations.ToStatus();
   return out;
 }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plain values <-> protocol messages. FromProto checks everything that can be seen in the message alone (counts, before
-// anything is made of the elements; finite numbers, duplicate ids, sizes, lengths); what depends on limits or on the
-// state of a session is the engine's business. What a client may get wrong is INVALID_ARGUMENT with field violations;
-// what only a broken server sends is INTERNAL.
+// Plain values <-> protocol messages. FromProto judges the form of a message, which is what a plain value could not
+// hold: enumerators that do not exist, numbers that do not fit, times out of range, lists too long to look at (counted
+// before anything is made of their elements), frames without data. Whether the values make sense is judged once, by the
+// engine, which sees those of callers in its own process too. What a client may get wrong is INVALID_ARGUMENT with
+// field violations; what only a broken server sends is INTERNAL.
 #pragma once
 
 #include <vector>

@@ -5,9 +5,7 @@
 #include <vector>
 
 #include "absl/flags/flag.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
 #include "program/program_path.h"
 #include "program/shipped_weights.h"
 
@@ -42,8 +40,7 @@ ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
 ABSL_FLAG(int, compute_threads, Defaults().engine.compute_threads, "threads of one tensor operation; 0: all cores");
 ABSL_FLAG(int, decode_threads, Defaults().engine.decode_threads,
           "threads that decode frames; of several one is kept for sessions that use little");
-ABSL_FLAG(std::string, processing_size,
-          absl::StrCat(Defaults().engine.processing_size.width, "x", Defaults().engine.processing_size.height),
+ABSL_FLAG(holdfast::ImageSize, processing_size, Defaults().engine.processing_size,
           "default WIDTHxHEIGHT that frames are resized to; multiples of 32");
 ABSL_FLAG(int, hop, Defaults().engine.hop_frames, "default number of new frames between windows");
 ABSL_FLAG(int, iterations, Defaults().engine.iterations, "default number of refinement iterations of a window");
@@ -80,16 +77,6 @@ absl::Status BadFlag(absl::string_view name, absl::string_view value, absl::stri
   return absl::InvalidArgumentError(absl::StrCat(name, " is '", value, "', expected ", expected));
 }
 
-absl::StatusOr<ImageSize> ParseSize(const std::string& text) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(text, 'x');
-  ImageSize size;
-  if (parts.size() != 2 || !absl::SimpleAtoi(parts[0], &size.width) || !absl::SimpleAtoi(parts[1], &size.height) ||
-      size.width < 1 || size.height < 1) {
-    return BadFlag("processing_size", text, "WIDTHxHEIGHT, for example 512x384");
-  }
-  return size;
-}
-
 absl::StatusOr<Precision> ParsePrecision(const std::string& text) {
   if (text == "auto") return Precision::kAuto;
   if (text == "float32") return Precision::kFloat32;
@@ -123,9 +110,7 @@ absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
   options.precision = *precision;
   options.compute_threads = absl::GetFlag(FLAGS_compute_threads);
   options.decode_threads = absl::GetFlag(FLAGS_decode_threads);
-  const auto size = ParseSize(absl::GetFlag(FLAGS_processing_size));
-  if (!size.ok()) return size.status();
-  options.processing_size = *size;
+  options.processing_size = absl::GetFlag(FLAGS_processing_size);
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
   options.motion_prior = absl::GetFlag(FLAGS_motion_prior);

@@ -234,7 +234,7 @@ void PrometheusMetrics::CacheBytes(int64_t bytes) { impl_->cache_bytes.Set(stati
 
 void PrometheusMetrics::PrecisionFellBack(ImageSize size, absl::string_view why) {
   impl_->precision_fallbacks.Increment();
-  log_->warn(absl::StrCat("frames processed at ", size.width, "x", size.height,
+  log_->warn(absl::StrCat("frames processed at ", ToString(size),
                           " are computed in float32: bfloat16 gives other results on this machine (", why, ")"));
 }
 

@@ -5,15 +5,14 @@
 #include <utility>
 
 #include "absl/flags/flag.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
 #include "client/cli/info_command.h"
 #include "client/cli/track_command.h"
 #include "client/remote_tracker.h"
 
 ABSL_FLAG(std::string, server, "localhost:50051", "host:port of the tracking server");
-ABSL_FLAG(absl::Duration, connect_timeout, absl::Seconds(5), "how long to wait for the connection to stand");
+ABSL_FLAG(absl::Duration, connect_timeout, holdfast::RemoteTracker::Options().connect_timeout,
+          "how long to wait for the connection to stand");
 ABSL_FLAG(std::string, points, "", "file of points: .csv with lines id,x,y[,frame], or .json with [{id, x, y, frame}]");
 ABSL_FLAG(int, grid, 0, "track about this many points spread over the frame, or this many on --mask");
 ABSL_FLAG(std::string, mask, "", "picture of the frame's size; points are spread over its nonzero pixels");
@@ -21,12 +20,16 @@ ABSL_FLAG(int64_t, query_frame, 0, "frame at which the points of --grid and --ma
 ABSL_FLAG(std::string, out, "", "file for the tracks: .json, .csv or .npz");
 ABSL_FLAG(std::string, overlay, "", "video with the tracks drawn on it: .mp4");
 ABSL_FLAG(std::string, still, "", "one picture of the overlay: .png or .jpg");
-ABSL_FLAG(int64_t, still_frame, -1, "frame that --still shows; -1: the last one");
-ABSL_FLAG(int, trail_frames, 20, "length of the trails that are drawn, in frames");
+ABSL_FLAG(int64_t, still_frame, holdfast::OverlayVideo::Options().still_frame,
+          "frame that --still shows; -1: the last one");
+ABSL_FLAG(int, trail_frames, holdfast::OverlayVideo::Options().trail_frames,
+          "length of the trails that are drawn, in frames");
 ABSL_FLAG(int64_t, max_frames, 0, "stop after so many frames; 0: at the end of the video");
 ABSL_FLAG(int, max_side, 0, "longest side of the frames that are sent, in pixels; 0: as they are");
-ABSL_FLAG(int, jpeg_quality, 92, "of the frames that are sent, 1..100");
-ABSL_FLAG(std::string, processing_size, "", "WIDTHxHEIGHT the server tracks at, multiples of 32; empty: its default");
+ABSL_FLAG(int, jpeg_quality, holdfast::TrackOptions().jpeg_quality,
+          "quality of the JPEG pictures that are sent, 1 to 100; higher costs bandwidth");
+ABSL_FLAG(holdfast::ImageSize, processing_size, {},
+          "WIDTHxHEIGHT the server tracks at, multiples of 32; empty: its default");
 ABSL_FLAG(int, hop, 0, "new frames between windows; 0: the server's default");
 ABSL_FLAG(int, iterations, 0, "refinement iterations of a window; 0: the server's default");
 ABSL_FLAG(bool, live, false,
@@ -66,19 +69,7 @@ std::string Help() {
       "\nInfo:\n", DescribeFlags({"json"}));
 }
 
-absl::StatusOr<ImageSize> ParseSize(const std::string& text) {
-  if (text.empty()) return ImageSize{};
-  const std::vector<absl::string_view> parts = absl::StrSplit(text, 'x');
-  ImageSize size;
-  const bool good = parts.size() == 2 && absl::SimpleAtoi(parts[0], &size.width) &&
-                    absl::SimpleAtoi(parts[1], &size.height) && size.width > 0 && size.height > 0;
-  if (good && size.width % 32 == 0 && size.height % 32 == 0) return size;
-  return absl::InvalidArgumentError("--processing_size: expected WIDTHxHEIGHT in multiples of 32, such as 512x384");
-}
-
 absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
-  const absl::StatusOr<ImageSize> processing_size = ParseSize(absl::GetFlag(FLAGS_processing_size));
-  if (!processing_size.ok()) return processing_size.status();
   TrackOptions options;
   options.input = input;
   options.points = {absl::GetFlag(FLAGS_points), absl::GetFlag(FLAGS_mask), absl::GetFlag(FLAGS_grid),
@@ -89,7 +80,7 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
   options.max_frames = absl::GetFlag(FLAGS_max_frames);
   options.max_side = absl::GetFlag(FLAGS_max_side);
   options.jpeg_quality = absl::GetFlag(FLAGS_jpeg_quality);
-  options.processing_size = *processing_size;
+  options.processing_size = absl::GetFlag(FLAGS_processing_size);
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
   options.live = absl::GetFlag(FLAGS_live);

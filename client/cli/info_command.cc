@@ -13,8 +13,6 @@ using nlohmann::ordered_json;
 
 constexpr double kMebi = 1 << 20;
 
-std::string Size(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
-
 }  // namespace
 
 std::string DescribeServer(const TrackerInfo& info) {
@@ -27,7 +25,7 @@ std::string DescribeServer(const TrackerInfo& info) {
   line("weights", absl::StrCat("sha256 ", info.weights_sha256));
   line("device", absl::StrCat(info.device, ", ", info.precision));
   line("build", info.build);
-  line("processing", absl::StrCat(Size(info.default_processing_size), " by default"));
+  line("processing", absl::StrCat(ToString(info.default_processing_size), " by default"));
   line("windows", absl::StrFormat("%d frames, a new one every %d, %d iterations by default", info.window_frames,
                                   info.default_hop_frames, info.default_iterations));
   line("sessions", absl::StrCat("at most ", info.max_sessions));

@@ -24,8 +24,8 @@ absl::StatusOr<cv::Mat> ReadMask(const std::string& path, ImageSize size) {
   }
   if (picture.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": is not a picture that can be read"));
   if (picture.cols != size.width || picture.rows != size.height) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": the mask is ", picture.cols, "x", picture.rows,
-                                                   ", the frames are ", size.width, "x", size.height));
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": the mask is ", picture.cols, "x", picture.rows, ", the frames are ", ToString(size)));
   }
   std::vector<cv::Mat> channels;
   cv::split(picture, channels);

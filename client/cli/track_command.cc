@@ -255,6 +255,10 @@ absl::Status TrackOptions::Validate() const {
   if (max_side < 0 || (max_side > 0 && max_side < 32)) {
     return absl::InvalidArgumentError("--max_side: expected 0 or at least 32");
   }
+  if (!processing_size.empty() && !IsProcessingSize(processing_size)) {
+    return absl::InvalidArgumentError(absl::StrCat("--processing_size: expected multiples of ", kProcessingSizeStep,
+                                                   ", such as 512x384; got ", ToString(processing_size)));
+  }
   if (max_frames < 0) return absl::InvalidArgumentError("--max_frames: expected 0 or more");
   if (hop_frames < 0) return absl::InvalidArgumentError("--hop: expected 0 or more");
   if (iterations < 0) return absl::InvalidArgumentError("--iterations: expected 0 or more");

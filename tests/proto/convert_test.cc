@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 #include <string>
 #include <utility>
 
@@ -15,7 +14,6 @@
 namespace holdfast {
 namespace {
 
-using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
@@ -93,42 +91,45 @@ TEST(ConvertTest, EveryWrongFieldOfAConfigIsNamed) {
   EXPECT_THAT(fields_of([](auto& c) { c.clear_encoding(); }), ElementsAre("config.encoding"));
   EXPECT_THAT(fields_of([](auto& c) { c.set_encoding(static_cast<v1::FrameEncoding>(99)); }),
               ElementsAre("config.encoding"));
-  EXPECT_THAT(fields_of([](auto& c) { c.set_encoding(v1::FRAME_ENCODING_RGB24); }), ElementsAre("config.raw_size"));
   EXPECT_THAT(fields_of([](auto& c) { c.set_emit(static_cast<v1::Emit>(2)); }), ElementsAre("config.emit"));
-  EXPECT_THAT(fields_of([](auto& c) {
-                c.set_emit(v1::EMIT_EVERY_FRAME);
-                c.set_final_only(true);
-              }),
-              ElementsAre("config.emit"));
   EXPECT_THAT(fields_of([](auto& c) { c.mutable_raw_size()->set_width(8); }), ElementsAre("config.raw_size"));
   EXPECT_THAT(fields_of([](auto& c) { c.mutable_processing_size()->set_width(512); }),
               ElementsAre("config.processing_size"));
   EXPECT_THAT(fields_of([](auto& c) {
-                c.mutable_processing_size()->set_width(500);
+                c.mutable_processing_size()->set_width(65536 + 32);
                 c.mutable_processing_size()->set_height(384);
               }),
               ElementsAre("config.processing_size"));
   EXPECT_THAT(fields_of([](auto& c) { c.set_hop_frames(4'000'000'000); }), ElementsAre("config.hop_frames"));
   EXPECT_THAT(fields_of([](auto& c) { c.set_iterations(4'000'000'000); }), ElementsAre("config.iterations"));
-  EXPECT_THAT(fields_of([](auto& c) { c.set_label(std::string(129, 'x')); }), ElementsAre("config.label"));
-  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(1)->set_x(std::nanf("")); }), ElementsAre("config.points[1].x"));
-  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(0)->set_y(std::numeric_limits<float>::infinity()); }),
-              ElementsAre("config.points[0].y"));
-  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(0)->set_x(-1); }), ElementsAre("config.points[0].x"));
-  EXPECT_THAT(fields_of([](auto& c) { c.mutable_points(1)->set_id(c.points(0).id()); }),
-              ElementsAre("config.points[1].id"));
 }
 
-TEST(ConvertTest, SeveralMistakesAreReportedTogetherButNotWithoutEnd) {
+TEST(ConvertTest, SeveralMistakesAreReportedTogether) {
   v1::SessionConfig config = GoodConfig();
   config.clear_encoding();
-  config.set_label(std::string(200, 'x'));
-  EXPECT_THAT(Fields(FromProto(config).status()), ElementsAre("config.encoding", "config.label"));
-  for (int i = 0; i < 1000; ++i) config.add_points()->set_x(std::nanf(""));
-  const absl::Status status = FromProto(config).status();
-  EXPECT_THAT(FieldViolations(status), SizeIs(kMaxFieldViolations));
-  // The encoding, a thousand x that are no numbers, 999 ids that stood before, and the label.
-  EXPECT_THAT(status.message(), HasSubstr("; and 1993 more"));
+  config.set_iterations(1U << 31);
+  EXPECT_THAT(Fields(FromProto(config).status()), ElementsAre("config.encoding", "config.iterations"));
+}
+
+TEST(ConvertTest, WhatOnlyTheEngineCanJudgeIsPassedOnAsItIs) {
+  v1::SessionConfig config = GoodConfig();
+  config.set_encoding(v1::FRAME_ENCODING_RGB24);  // without the size of the frames
+  config.mutable_processing_size()->set_width(33);
+  config.mutable_processing_size()->set_height(5);
+  config.set_emit(v1::EMIT_EVERY_FRAME);
+  config.set_final_only(true);
+  config.set_label(std::string(1000, 'x'));
+  *config.mutable_points(1) = config.points(0);
+  config.mutable_points(1)->set_x(-1);
+  const absl::StatusOr<SessionConfig> plain = FromProto(config);
+  ASSERT_THAT(plain, IsOk());
+  EXPECT_TRUE(plain->raw_size.empty());
+  EXPECT_EQ(plain->processing_size, (ImageSize{33, 5}));
+  EXPECT_EQ(plain->emit, Emit::kEveryFrame);
+  EXPECT_FALSE(plain->send_provisional);
+  EXPECT_EQ(plain->label.size(), 1000U);
+  EXPECT_EQ(plain->points[1].id, plain->points[0].id);
+  EXPECT_EQ(plain->points[1].x, -1);
 }
 
 TEST(ConvertTest, ListsAreCountedBeforeTheirElementsAreLookedAt) {
@@ -160,11 +161,10 @@ TEST(ConvertTest, FrameSurvivesTheRoundTrip) {
 }
 
 TEST(ConvertTest, WrongFieldsOfAFrameAreNamed) {
-  v1::Frame frame = ToProto(Frame{0, "x", {}, {{1, 1, 1}, {1, 1, 1}}});
+  v1::Frame frame = ToProto(Frame{0, "x", {}, {}});
   frame.mutable_capture_time()->set_nanos(-1);
   frame.clear_data();
-  EXPECT_THAT(Fields(FromProto(std::move(frame)).status()),
-              ElementsAre("frame.capture_time", "frame.points[1].id", "frame.data"));
+  EXPECT_THAT(Fields(FromProto(std::move(frame)).status()), ElementsAre("frame.capture_time", "frame.data"));
 }
 
 TEST(ConvertTest, PointsToAddAndRemoveSurviveTheRoundTrip) {
@@ -172,8 +172,6 @@ TEST(ConvertTest, PointsToAddAndRemoveSurviveTheRoundTrip) {
   ASSERT_THAT(added, IsOk());
   EXPECT_EQ(added->front().y, 3);
   EXPECT_THAT(FromProto(RemovePointsToProto({5, 6})), IsOkAndHolds(ElementsAre(5U, 6U)));
-  EXPECT_THAT(Fields(FromProto(AddPointsToProto({{1, std::nanf(""), 3}})).status()),
-              Contains("add_points.points[0].x"));
 }
 
 TEST(ConvertTest, ResultsSurviveTheRoundTrip) {

@@ -75,7 +75,12 @@ TEST_F(RejectionTest, WrongConfigFieldsAreNamed) {
   ExpectViolation(answer([](auto& c) { c.clear_encoding(); }), "config.encoding");
   ExpectViolation(answer([](auto& c) { c.set_encoding(v1::FRAME_ENCODING_GRAY8); }), "config.raw_size");
   ExpectViolation(answer([](auto& c) { c.mutable_processing_size()->set_width(33); }), "config.processing_size");
-  ExpectViolation(answer([](auto& c) { c.set_hop_frames(24); }), "config.hop_frames");  // the engine's own check
+  ExpectViolation(answer([](auto& c) {
+                    c.mutable_processing_size()->set_width(500);
+                    c.mutable_processing_size()->set_height(384);
+                  }),
+                  "config.processing_size");
+  ExpectViolation(answer([](auto& c) { c.set_hop_frames(24); }), "config.hop_frames");
   ExpectViolation(answer([](auto& c) { c.set_iterations(1U << 31); }), "config.iterations");
   ExpectViolation(answer([](auto& c) { c.mutable_points(0)->set_x(std::nanf("")); }), "config.points[0].x");
   ExpectViolation(answer([](auto& c) { c.mutable_points(0)->set_y(-1); }), "config.points[0].y");

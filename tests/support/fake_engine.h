@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An Engine without a model, for tests of the server: the content of a frame says what happens with it.
+// An Engine without a model, for tests of the server: it judges configurations and points as the real one does, and the
+// content of a frame says what happens with it.
 #pragma once
 
 #include <algorithm>
@@ -7,6 +8,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -17,6 +19,8 @@
 #include "absl/synchronization/mutex.h"
 #include "api/errors.h"
 #include "server/engine/engine.h"
+#include "server/engine/input/point_check.h"
+#include "server/engine/input/session_config.h"
 
 namespace holdfast {
 
@@ -74,7 +78,8 @@ class FakeEngine final : public Engine {
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                              SessionListener& listener) override {
     absl::MutexLock lock(&mu_);
-    if (config.hop_frames > 23) return InvalidFieldError("config.hop_frames", "is above 23");
+    absl::StatusOr<SessionAccepted> accepted = Negotiate(config, {}, {});
+    if (!accepted.ok()) return accepted.status();
     if (admitted_ >= options_.max_sessions) {
       metrics_.AdmissionRejected(RejectReason::kSessions);
       return OverloadError("sessions", "all are open", absl::Milliseconds(2500));
@@ -82,19 +87,20 @@ class FakeEngine final : public Engine {
     metrics_.SessionOpened();
     ++live_sessions_;
     ++admitted_;
-    return std::make_unique<Session>(*this, listener, ++next_session_, config);
+    return std::make_unique<Session>(*this, listener, ++next_session_, config, *accepted);
   }
 
  private:
   class Session final : public EngineSession {
    public:
-    Session(FakeEngine& engine, SessionListener& listener, int number, const SessionConfig& config)
-        : engine_(engine), listener_(listener), provisional_(config.send_provisional), added_(config.points) {
+    Session(FakeEngine& engine, SessionListener& listener, int number, const SessionConfig& config,
+            const SessionAccepted& accepted)
+        : engine_(engine),
+          listener_(listener),
+          provisional_(config.send_provisional),
+          accepted_(accepted),
+          added_(config.points) {
       accepted_.session_id = absl::StrCat("session-", number);
-      accepted_.processing_size = {512, 384};
-      accepted_.hop_frames = 8;
-      accepted_.iterations = 4;
-      accepted_.window_frames = 24;
       accepted_.limits = engine.info_.limits;
     }
     ~Session() override {
@@ -109,6 +115,9 @@ class FakeEngine final : public Engine {
       if (frame.index != next_index_) {
         return InvalidFieldError("frame.index", absl::StrCat("is ", frame.index, ", expected ", next_index_));
       }
+      if (absl::Status good = CheckPoints("frame.points", frame.points, std::nullopt).ToStatus(); !good.ok()) {
+        return good;
+      }
       ++next_index_;
       for (const PointQuery& point : frame.points) added_.push_back(point);
       auto added = std::exchange(added_, {});
@@ -116,6 +125,8 @@ class FakeEngine final : public Engine {
       return engine_.PostFrame(this, [this, shared, added = std::move(added)] { Track(*shared, added); });
     }
     absl::Status AddPoints(const std::vector<PointQuery>& points) override {
+      absl::Status good = CheckPoints("add_points.points", points, std::nullopt).ToStatus();
+      if (!good.ok()) return good;
       added_.insert(added_.end(), points.begin(), points.end());
       return absl::OkStatus();
     }

@@ -7,10 +7,8 @@
 #include <vector>
 
 #include "absl/flags/flag.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/str_split.h"
 #include "program/flags.h"
 
 ABSL_FLAG(std::string, data, "", "directory of the data set; with --suite, the one that holds the data sets");
@@ -19,7 +17,7 @@ ABSL_FLAG(std::string, weights, "", "checkpoint (safetensors); empty: the baseli
 ABSL_FLAG(std::string, baseline, "", "lk: pyramidal Lucas-Kanade on the same clips, at their own size");
 ABSL_FLAG(std::string, suite, "", "paper: the paper's data sets below --data, with its figures beside ours");
 ABSL_FLAG(std::string, json, "", "file that gets the reports as JSON");
-ABSL_FLAG(std::string, processing_size, "",
+ABSL_FLAG(holdfast::ImageSize, processing_size, {},
           "WIDTHxHEIGHT of the network's frames, multiples of 32; empty: 512x384, or the paper's");
 ABSL_FLAG(int, iterations, 0, "refinement iterations of a window; 0: the engine's default, 16 with --suite");
 ABSL_FLAG(int, hop, 0, "new frames between windows; 0: the engine's default, 23 with --chaining=published");
@@ -33,7 +31,7 @@ ABSL_FLAG(int, threads, 0, "threads of one tensor operation; 0: all cores");
 ABSL_FLAG(std::string, split, "test", "of pointodyssey");
 ABSL_FLAG(std::string, pictures, "",
           "directory with objects/ and backgrounds/ for synthetic clips; empty: procedural textures");
-ABSL_FLAG(std::string, clip_size, "320x256", "WIDTHxHEIGHT of synthetic clips");
+ABSL_FLAG(holdfast::ImageSize, clip_size, holdfast::EvaluationDataOptions().size, "WIDTHxHEIGHT of synthetic clips");
 ABSL_FLAG(int64_t, frames, 0, "of a clip at most; 0: whole sequences, 24 for synthetic");
 ABSL_FLAG(int64_t, points, 0, "of a clip at most; 0: all, 64 for synthetic");
 ABSL_FLAG(int64_t, count, 0, "sequences at most; 0: all, 20 for synthetic");
@@ -41,17 +39,6 @@ ABSL_FLAG(uint64_t, seed, 1000, "of synthetic clips");
 
 namespace holdfast {
 namespace {
-
-absl::StatusOr<ImageSize> ParseSize(absl::string_view flag, const std::string& text) {
-  ImageSize size;
-  if (text.empty()) return size;
-  const std::vector<std::string> parts = absl::StrSplit(text, 'x');
-  if (parts.size() == 2 && absl::SimpleAtoi(parts[0], &size.width) && absl::SimpleAtoi(parts[1], &size.height) &&
-      size.width > 0 && size.height > 0) {
-    return size;
-  }
-  return absl::InvalidArgumentError(absl::StrCat("--", flag, ": expected WIDTHxHEIGHT, got \"", text, "\""));
-}
 
 // The value that 'text' names.
 template <typename T>
@@ -94,9 +81,7 @@ absl::Status FillEngine(bool suite, EngineOptions& engine) {
 
 absl::StatusOr<EvaluationDataOptions> DataFromFlags() {
   EvaluationDataOptions data;
-  const absl::StatusOr<ImageSize> size = ParseSize("clip_size", absl::GetFlag(FLAGS_clip_size));
-  if (!size.ok()) return size.status();
-  data.size = *size;
+  data.size = absl::GetFlag(FLAGS_clip_size);
   data.format = absl::GetFlag(FLAGS_format);
   data.dir = absl::GetFlag(FLAGS_data);
   data.split = absl::GetFlag(FLAGS_split);
@@ -128,9 +113,7 @@ absl::StatusOr<EvaluateRequest> RequestFromFlags() {
   if (!baseline.ok()) return baseline.status();
   request.methods.lucas_kanade = *baseline;
   if (absl::Status filled = FillEngine(*suite, request.methods.engine); !filled.ok()) return filled;
-  const absl::StatusOr<ImageSize> size = ParseSize("processing_size", absl::GetFlag(FLAGS_processing_size));
-  if (!size.ok()) return size.status();
-  request.processing_size = *size;
+  request.processing_size = absl::GetFlag(FLAGS_processing_size);
   absl::StatusOr<EvaluationDataOptions> data = DataFromFlags();
   if (!data.ok()) return data.status();
   request.data = *std::move(data);

@@ -50,11 +50,9 @@ Json ReportToJson(const Report& report) {
 
 }  // namespace
 
-std::string FormatSize(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
-
 std::string ProcessingSizes(const Report& report) {
   std::set<std::string> sizes;
-  for (const SequenceReport& sequence : report.sequences) sizes.insert(FormatSize(sequence.processing_size));
+  for (const SequenceReport& sequence : report.sequences) sizes.insert(ToString(sequence.processing_size));
   return sizes.size() > 3 ? absl::StrCat(sizes.size(), " sizes") : absl::StrJoin(sizes, ",");
 }
 
@@ -85,7 +83,7 @@ std::string FormatReport(const Report& report) {
   for (const SequenceReport& sequence : report.sequences) {
     seconds += sequence.seconds;
     rows.push_back({sequence.name, absl::StrCat(sequence.frames), absl::StrCat(sequence.points),
-                    FormatSize(sequence.frame_size), FormatSize(sequence.processing_size),
+                    ToString(sequence.frame_size), ToString(sequence.processing_size),
                     absl::StrFormat("%.1f", sequence.seconds)});
     AppendMetrics(sequence.metrics, rows.back());
   }

@@ -11,8 +11,6 @@
 
 namespace holdfast {
 
-// "512x384"
-std::string FormatSize(ImageSize size);
 // Those at which the sequences were processed: one as a rule, several when a method takes frames as they are.
 std::string ProcessingSizes(const Report& report);
 // One decimal; "-" when there is none.

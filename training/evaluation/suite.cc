@@ -74,7 +74,7 @@ std::string FormatSuite(const std::vector<SuiteRow>& rows) {
   std::string notes;
   for (const SuiteRow& row : rows) {
     const PublishedResult& published = row.published;
-    table.push_back(MakeRow(published.title, "paper", FormatSize(published.processing_size), published.published));
+    table.push_back(MakeRow(published.title, "paper", ToString(published.processing_size), published.published));
     if (!row.ours.ok()) {
       absl::StrAppend(&notes, published.title, ": ", row.ours.status().message(), "\n");
       continue;

@@ -15,8 +15,6 @@ namespace {
 
 int64_t BytesPerPixel(FrameEncoding encoding) { return encoding == FrameEncoding::kGray8 ? 1 : 3; }
 
-int64_t Pixels(ImageSize size) { return int64_t{size.width} * size.height; }
-
 absl::StatusOr<ImageSize> EncodedSize(absl::string_view bytes, const FrameFormat& format) {
   switch (format.encoding) {
     case FrameEncoding::kJpeg:
@@ -97,8 +95,7 @@ absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& 
   if (!size.ok()) return size.status();
   if (size->width <= 0 || size->height <= 0) return absl::InvalidArgumentError("a picture without pixels");
   if (Pixels(*size) > format.max_pixels) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(size->width, "x", size->height, " is more than ", format.max_pixels, " pixels"));
+    return absl::InvalidArgumentError(absl::StrCat(ToString(*size), " is more than ", format.max_pixels, " pixels"));
   }
   const int64_t wanted = Pixels(*size) * BytesPerPixel(format.encoding);
   if (IsRaw(format.encoding) && static_cast<int64_t>(bytes.size()) != wanted) {

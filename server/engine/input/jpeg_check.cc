@@ -7,6 +7,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "api/limits.h"
 #include "server/engine/input/big_endian.h"
 
 namespace holdfast {
@@ -17,7 +18,6 @@ namespace {
 constexpr int kMaxScans = 32;
 // Colour profiles have up to 255 segments, extended XMP one for every 64 kB; a scan brings a table or two.
 constexpr int kMaxSegments = 1024;
-constexpr int64_t kMaxMetadataBytes = int64_t{4} << 20;
 
 constexpr uint8_t kSoi = 0xD8, kEoi = 0xD9, kSos = 0xDA, kDac = 0xCC, kCom = 0xFE;
 

@@ -11,12 +11,12 @@
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "api/limits.h"
 #include "server/engine/input/big_endian.h"
 
 namespace holdfast {
 namespace {
 
-constexpr int64_t kMaxMetadataBytes = int64_t{4} << 20;
 constexpr absl::string_view kSignature("\x89PNG\r\n\x1A\n", 8);
 constexpr size_t kHeaderBytes = 13;
 constexpr int64_t kSpareBytes = 64 * 1024;  // some encoders append a little to the picture's data

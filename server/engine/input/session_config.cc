@@ -11,18 +11,14 @@
 namespace holdfast {
 namespace {
 
-constexpr size_t kMaxLabelBytes = 128;
-constexpr int kSizeStep = 32;  // pixels
-
-int64_t Pixels(ImageSize size) { return int64_t{size.width} * size.height; }
-std::string ToString(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
-
 void CheckRawSize(const SessionConfig& config, const EngineOptions& options, Violations& violations) {
   const ImageSize size = config.raw_size;
   if (!IsRaw(config.encoding)) {
-    if (!size.empty()) violations.Add("config.raw_size", "only raw encodings have one");
+    if (!size.empty())
+      violations.Add("config.raw_size", absl::StrCat("is ", ToString(size), ", but only raw encodings have one"));
   } else if (size.width <= 0 || size.height <= 0) {
-    violations.Add("config.raw_size", "raw encodings need the size of the frames");
+    violations.Add("config.raw_size",
+                   absl::StrCat("is ", ToString(size), ", but raw encodings need the size of the frames"));
   } else if (Pixels(size) > options.limits.max_frame_pixels) {
     violations.Add("config.raw_size",
                    absl::StrCat(ToString(size), " is more than ", options.limits.max_frame_pixels, " pixels"));
@@ -30,8 +26,9 @@ void CheckRawSize(const SessionConfig& config, const EngineOptions& options, Vio
 }
 
 void CheckProcessingSize(ImageSize size, const EngineOptions& options, Violations& violations) {
-  if (size.width <= 0 || size.height <= 0 || size.width % kSizeStep != 0 || size.height % kSizeStep != 0) {
-    violations.Add("config.processing_size", absl::StrCat(ToString(size), " is not a multiple of ", kSizeStep));
+  if (!IsProcessingSize(size)) {
+    violations.Add("config.processing_size",
+                   absl::StrCat(ToString(size), " is not made of multiples of ", kProcessingSizeStep));
   } else if (Pixels(size) > options.max_processing_pixels) {
     violations.Add("config.processing_size",
                    absl::StrCat(ToString(size), " is more than ", options.max_processing_pixels, " pixels"));
@@ -91,7 +88,8 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   CheckNumbers(accepted, options, violations);
   CheckMotion(config, accepted, options, violations);
   if (config.label.size() > kMaxLabelBytes) {
-    violations.Add("config.label", absl::StrCat("longer than ", kMaxLabelBytes, " bytes"));
+    violations.Add("config.label",
+                   absl::StrCat("has ", config.label.size(), " bytes, expected at most ", kMaxLabelBytes));
   }
   std::optional<ImageSize> frame;
   if (IsRaw(config.encoding) && config.raw_size.width > 0 && config.raw_size.height > 0) frame = config.raw_size;

@@ -17,8 +17,6 @@ absl::Status BadFrame(int64_t index, const absl::Status& why) {
   return InvalidFieldError("frame.data", absl::StrCat("frame ", index, ": ", why.message()));
 }
 
-std::string ToString(ImageSize size) { return absl::StrCat(size.width, "x", size.height); }
-
 }  // namespace
 
 SessionInbox::SessionInbox(const Options& options) : options_(options), points_(options.limits.max_points) {

@@ -4,7 +4,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
 #include <string>
+#include <vector>
 
 #include "api/errors.h"
 #include "tests/support/status_matchers.h"
@@ -14,6 +17,7 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 std::vector<std::string> Fields(const absl::Status& status) {
   std::vector<std::string> fields;
@@ -41,6 +45,31 @@ TEST(SessionConfigTest, NamesEveryFieldThatIsWrong) {
   EXPECT_THAT(Fields(Negotiate(config, {}, {}).status()),
               ElementsAre("config.raw_size", "config.processing_size", "config.hop_frames", "config.iterations",
                           "config.label", "config.points[0].x"));
+}
+
+TEST(SessionConfigTest, NamesAFieldThatIsWrongAlone) {
+  const auto fields_of = [](auto spoil) {
+    SessionConfig config;
+    config.points = {{1, 2, 3}, {4, 5, 6}};
+    spoil(config);
+    return Fields(Negotiate(config, {}, {}).status());
+  };
+  EXPECT_THAT(fields_of([](auto&) {}), IsEmpty());
+  EXPECT_THAT(fields_of([](auto& c) { c.encoding = FrameEncoding::kRgb24; }), ElementsAre("config.raw_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.raw_size = {8, 0}; }), ElementsAre("config.raw_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.processing_size = {500, 384}; }), ElementsAre("config.processing_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.processing_size = {512, 0}; }), ElementsAre("config.processing_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.label = std::string(129, 'x'); }), ElementsAre("config.label"));
+  EXPECT_THAT(fields_of([](auto& c) { c.points[1].x = std::nanf(""); }), ElementsAre("config.points[1].x"));
+  EXPECT_THAT(fields_of([](auto& c) { c.points[0].y = std::numeric_limits<float>::infinity(); }),
+              ElementsAre("config.points[0].y"));
+  EXPECT_THAT(fields_of([](auto& c) { c.points[0].x = -1; }), ElementsAre("config.points[0].x"));
+  EXPECT_THAT(fields_of([](auto& c) { c.points[1].id = c.points[0].id; }), ElementsAre("config.points[1].id"));
+  EXPECT_THAT(fields_of([](auto& c) {
+                c.emit = Emit::kEveryFrame;
+                c.send_provisional = false;
+              }),
+              ElementsAre("config.emit"));
 }
 
 TEST(SessionConfigTest, WantsTheSizeOfRawFramesAndChecksPointsAgainstIt) {
@@ -72,10 +101,13 @@ TEST(SessionConfigTest, BoundsTheProcessingSizeAndThePoints) {
 TEST(SessionConfigTest, NamesTheFirstViolationsAndCountsTheRest) {
   SessionConfig config;
   config.hop_frames = 24;
-  for (PointId id = 0; id < 2000; ++id) config.points.push_back({id, -1, -1});
+  config.label = std::string(200, 'x');
+  for (PointId id = 0; id < 1000; ++id) config.points.push_back({id, -1, -1});
+  for (PointId id = 0; id < 1000; ++id) config.points.push_back({id, std::nanf(""), 1});
   const absl::Status status = Negotiate(config, {}, {}).status();
   EXPECT_EQ(Fields(status).size(), kMaxFieldViolations);
-  EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("; and 3993 more")));
+  // The hop, the label, two thousand coordinates below 0, a thousand that are no numbers, a thousand ids given twice.
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("; and 3994 more")));
 }
 
 TEST(SessionConfigTest, TheSwitchesOfOpticalFlowFollowTheEngineUnlessTheSessionSaysOtherwise) {

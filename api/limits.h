@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Limits that no operator changes: a client, a server and their tests count on the same numbers.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace holdfast {
+
+// Frames are processed at sizes whose sides are multiples of this many pixels.
+constexpr int kProcessingSizeStep = 32;
+
+// Most points of a message, whatever a server's own limit is: longer lists are refused before they are looked at.
+constexpr int kMaxPointsInMessage = 1 << 16;
+
+constexpr size_t kMaxLabelBytes = 128;  // of a session's label
+
+// An error names this many violations and counts the rest: a request of a million mistakes is answered briefly.
+constexpr size_t kMaxFieldViolations = 8;
+constexpr size_t kMaxViolationText = 160;  // bytes of a field's path, and of a description, that an error quotes
+
+// Most bytes of an encoded picture that are not the picture: comments, profiles, thumbnails.
+constexpr int64_t kMaxMetadataBytes = int64_t{4} << 20;
+
+}  // namespace holdfast
