@@ -12,7 +12,7 @@ import unittest
 
 from server_process import SOURCE, ServerProcess
 
-SPIN_COUNT = re.search(r'kSpinCount\[\] = "(\d+)"', (SOURCE / "flags" / "openmp_wait.h").read_text()).group(1)
+SPIN_COUNT = re.search(r'kSpinCount\[\] = "(\d+)"', (SOURCE / "program" / "openmp_wait.h").read_text()).group(1)
 
 
 class OpenMpWaitTest(unittest.TestCase):
