@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/scheduler.h"
+#include "server/engine/status_of.h"
 
 #include <algorithm>
-#include <exception>
-#include <new>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -67,16 +66,16 @@ bool Scheduler::TakeTurn() {
     arrivals_.clear();
   }
   for (const auto& session : sessions_) {
-    Guard({session.get()}, [&] { session->ApplyOps(model_); });
+    RunFor({session.get()}, [&] { session->ApplyOps(model_); });
   }
   bool busy = false;
-  Guard(InTurn(0), [&] {
+  RunFor(InTurn(0), [&] {
     busy = EncodeBatch();
     busy = RefineBatch() || busy;
   });
   int64_t cached = 0;
   for (const auto& session : sessions_) {
-    Guard({session.get()}, [&] { busy = session->Settle() || busy; });
+    RunFor({session.get()}, [&] { busy = session->Settle() || busy; });
     cached += session->CachedBytes();
   }
   metrics_.CacheBytes(cached);
@@ -88,7 +87,7 @@ bool Scheduler::EncodeBatch() {
   FrameBatch batch = TakeFrameBatch(InTurn(encode_turn_), options_.max_batch_frames);
   if (batch.parts.empty()) return false;
   encode_turn_ = TurnAfter(batch.parts.front().session);
-  Guard(SessionsOf(batch), [&] {
+  RunFor(SessionsOf(batch), [&] {
     std::vector<const RgbImage*> images;
     for (const auto& part : batch.parts) {
       for (const DecodedFrame& frame : part.frames) images.push_back(&frame.image);
@@ -112,7 +111,7 @@ bool Scheduler::RefineBatch() {
   RowBatch batch = MakeRowBatch(InTurn(refine_turn_), options_.max_batch_rows);
   if (batch.parts.empty()) return false;
   refine_turn_ = TurnAfter(batch.parts.front().session);
-  Guard(SessionsOf(batch), [&] {
+  RunFor(SessionsOf(batch), [&] {
     const bool carry = batch.parts.front().session->options().carry_templates;
     const SteadyTime begin = clock_.SteadyNow();
     auto estimates = model_.Refine(batch.groups, {batch.iterations, carry});
@@ -131,15 +130,8 @@ void Scheduler::Apply(RowBatch batch, std::vector<RowEstimate> estimates) {
   }
 }
 
-void Scheduler::Guard(const std::vector<Session*>& affected, const std::function<void()>& work) {
-  absl::Status status;
-  try {
-    work();
-  } catch (const std::bad_alloc&) {
-    status = absl::ResourceExhaustedError("out of memory");
-  } catch (const std::exception&) {
-    status = absl::InternalError("the network failed");  // its words may hold paths
-  }
+void Scheduler::RunFor(const std::vector<Session*>& affected, const std::function<void()>& work) {
+  const absl::Status status = StatusOf(work, "the network failed");
   if (status.ok()) return;
   for (Session* session : affected) session->Close(status);
 }

@@ -47,7 +47,7 @@ class Scheduler {
   void Admit(FrameBatch batch, std::vector<FrameFeaturesPtr> features);
   void Apply(RowBatch batch, std::vector<RowEstimate> estimates);
   // What is thrown, by the network or for want of memory, ends the sessions it was done for, and no others.
-  void Guard(const std::vector<Session*>& affected, const std::function<void()>& work);
+  void RunFor(const std::vector<Session*>& affected, const std::function<void()>& work);
   // The sessions, beginning with the one whose turn it is.
   std::vector<Session*> InTurn(size_t turn) const;
   // The turn after the session that began a batch.

@@ -2,9 +2,9 @@
 #include "server/engine/session.h"
 
 #include <algorithm>
-#include <exception>
-#include <new>
 #include <utility>
+
+#include "server/engine/status_of.h"
 
 namespace holdfast {
 namespace {
@@ -45,6 +45,7 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
       threads_(std::move(threads)),
       inbox_(options.inbox),
       flow_(MakeFlow(options)),
+      polish_(options.accepted.polish ? std::make_unique<SessionPolish>(*flow_) : nullptr),
       latency_(metrics),
       ticket_(std::move(ticket)),
       tracks_(options.windows, options.provisional) {}
@@ -94,7 +95,7 @@ void Session::Decode(int64_t index) {
       DecodeFrame(*bytes, options_.inbox.format, options_.accepted.processing_size, flow_ == nullptr ? nullptr : &gray);
   const SteadyTime end = clock_.SteadyNow();
   if (flow_ != nullptr && image.ok()) {
-    GuardFlow([&] { flow_->AddFrame(index, std::make_shared<FlowPyramid>(gray)); });
+    RunFlow([&] { flow_->AddFrame(index, std::make_shared<FlowPyramid>(gray)); });
   }
   const bool rejected = !image.ok();
   if (inbox_.SetDecoded(index, std::move(image), end) && rejected) metrics_.FrameDone(FrameResult::kRejected);
@@ -108,7 +109,7 @@ void Session::SubmitFlow() {
 
 void Session::AdvanceFlow() {
   if (flow_ == nullptr || !flow_->BeginSteps()) return;
-  GuardFlow([this] {
+  RunFlow([this] {
     do {
       FetchOps(flow_->newest());
       SteadyTime begin = clock_.SteadyNow();
@@ -143,17 +144,9 @@ bool Session::AnyOps() {
   return !ops_.empty();
 }
 
-void Session::GuardFlow(const std::function<void()>& work) {
-  absl::Status status;
-  try {
-    work();
-    return;
-  } catch (const std::bad_alloc&) {
-    status = absl::ResourceExhaustedError("out of memory");
-  } catch (const std::exception&) {
-    status = absl::InternalError("optical flow failed");
-  }
-  absl::MutexLock lock(&polish_mutex_);
+void Session::RunFlow(absl::FunctionRef<void()> work) {
+  const absl::Status status = StatusOf(work, "optical flow failed");
+  absl::MutexLock lock(&flow_failure_mutex_);
   flow_failure_.Update(status);
 }
 
@@ -262,58 +255,25 @@ void Session::StartChains(absl::Span<const DueRow> rows) {
 }
 
 void Session::StartPolish() {
-  if (!options_.accepted.polish || polishing_) return;
-  auto job = std::make_shared<PolishJob>();
-  job->tracks = tracks_.Unpolished();
-  if (job->tracks.empty()) return;
-  job->first = tracks_.cache().newest();
-  int64_t last = 0;
-  for (const PointTrack* track : job->tracks) {
-    const PointTrack::Unpolished unpolished = track->unpolished();
-    PolishTrack work{flow_->PatchOf(track->serial()), std::nullopt, unpolished.first, {}, unpolished.visible};
-    if (unpolished.previous) work.previous = flow_->ToFlow(*unpolished.previous);
-    for (const Position& position : unpolished.positions) work.positions.push_back(flow_->ToFlow(position));
-    job->first = std::min(job->first, unpolished.first - 1);
-    last = std::max(last, unpolished.first + static_cast<int64_t>(work.positions.size()) - 1);
-    job->work.push_back(std::move(work));
-  }
-  const std::vector<FlowPyramidPtr> pyramids = flow_->Pyramids(job->first, last);
-  job->pyramids = {pyramids.begin(), pyramids.end()};
-  polishing_ = true;
-  threads_.submit([self = shared_from_this(), job] { self->RunPolish(job); });
+  if (polish_ == nullptr || !polish_->Start(tracks_)) return;
+  threads_.submit([self = shared_from_this()] { self->PolishNextFrame(); });
 }
 
-void Session::RunPolish(std::shared_ptr<PolishJob> job) {
+void Session::PolishNextFrame() {
   const SteadyTime begin = clock_.SteadyNow();
-  GuardFlow([&job] { PolishFrame(absl::MakeSpan(job->work), job->first + 1, *job->pyramids[0], *job->pyramids[1]); });
+  bool more = false;
+  RunFlow([&] { more = polish_->Step(); });
   metrics_.StageTook(Stage::kFlow, clock_.Since(begin));
-  job->pyramids.pop_front();
-  ++job->first;
-  if (job->pyramids.size() > 1) {  // one frame at a time, so that others' frames are decoded between them
-    threads_.submit([self = shared_from_this(), job] { self->RunPolish(job); });
-    return;
+  if (more) {
+    threads_.submit([self = shared_from_this()] { self->PolishNextFrame(); });
+  } else {
+    threads_.notify();
   }
-  {
-    absl::MutexLock lock(&polish_mutex_);
-    polished_ = std::move(job);
-  }
-  threads_.notify();
 }
 
 bool Session::FinishPolish() {
-  std::shared_ptr<PolishJob> job;
-  {
-    absl::MutexLock lock(&polish_mutex_);
-    job = std::move(polished_);
-  }
-  if (job == nullptr) return false;
-  polishing_ = false;
   std::vector<PointRun> runs;
-  for (size_t i = 0; i < job->tracks.size(); ++i) {
-    std::vector<Position> positions;
-    for (const FlowPoint& point : job->work[i].positions) positions.push_back(flow_->ToFeatures(point));
-    if (auto run = tracks_.Polish(*job->tracks[i], positions)) runs.push_back(*std::move(run));
-  }
+  if (polish_ == nullptr || !polish_->Finish(tracks_, runs)) return false;
   Deliver(std::move(runs));
   return true;
 }
@@ -362,7 +322,7 @@ void Session::Evict() {
 }
 
 absl::Status Session::FlowFailure() {
-  absl::MutexLock lock(&polish_mutex_);
+  absl::MutexLock lock(&flow_failure_mutex_);
   return flow_failure_;
 }
 

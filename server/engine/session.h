@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/synchronization/mutex.h"
 #include "api/clock.h"
@@ -20,8 +21,8 @@
 #include "server/engine/input/session_inbox.h"
 #include "server/engine/latency_log.h"
 #include "server/engine/metrics.h"
-#include "server/engine/motion/polish.h"
 #include "server/engine/session_flow.h"
+#include "server/engine/session_polish.h"
 #include "server/engine/tracker_model.h"
 #include "server/engine/tracks/track_set.h"
 
@@ -88,21 +89,14 @@ class Session : public std::enable_shared_from_this<Session> {
   void Close(const absl::Status& status);
 
  private:
-  struct PolishJob {
-    std::vector<PointTrack*> tracks;      // only the compute thread looks at them
-    std::vector<PolishTrack> work;        // one each
-    std::deque<FlowPyramidPtr> pyramids;  // from frame 'first' on, up to the last to polish
-    int64_t first = 0;                    // polished up to here
-  };
-
   // On a thread of the decode pool.
   void Decode(int64_t index);
   void AdvanceFlow();
   void DeliverLive() ABSL_LOCKS_EXCLUDED(emit_mutex_);
   // Polishes one frame and comes again until all are done.
-  void RunPolish(std::shared_ptr<PolishJob> job) ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  void PolishNextFrame();
   // What the work throws ends the session.
-  void GuardFlow(const std::function<void()>& work) ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  void RunFlow(absl::FunctionRef<void()> work) ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
   void SubmitFlow();
   // Once the first frame has come.
   ImageSize flow_size() const { return FlowSize(inbox_.frame_size(), options_.accepted.processing_size); }
@@ -118,10 +112,10 @@ class Session : public std::enable_shared_from_this<Session> {
   void Deliver(std::vector<PointRun> runs) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void StartChains(absl::Span<const DueRow> rows);
   void StartPolish();
-  bool FinishPolish() ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  bool FinishPolish();
   void EndTracks();
   void Evict();
-  absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(polish_mutex_);
+  absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
   void Seed(absl::Span<const PointOp> ops, TrackerModel& model);
   void CountPoints(int64_t before);
 
@@ -131,8 +125,9 @@ class Session : public std::enable_shared_from_this<Session> {
   EngineMetrics& metrics_;
   const Threads threads_;
   SessionInbox inbox_;
-  const std::unique_ptr<SessionFlow> flow_;  // null: nothing needs it
-  absl::Mutex ops_mutex_;                    // held while operations are moved, so that they keep their order
+  const std::unique_ptr<SessionFlow> flow_;      // null: nothing needs it
+  const std::unique_ptr<SessionPolish> polish_;  // null: not asked for
+  absl::Mutex ops_mutex_;                        // held while operations are moved, so that they keep their order
   std::deque<PointOp> ops_ ABSL_GUARDED_BY(ops_mutex_);  // known to the flow, not to the tracks yet
   LatencyLog latency_;
   CaptureTimes capture_times_;
@@ -142,12 +137,10 @@ class Session : public std::enable_shared_from_this<Session> {
   absl::Mutex emit_mutex_;
   bool told_done_ ABSL_GUARDED_BY(emit_mutex_) = false;
 
-  absl::Mutex polish_mutex_;
-  std::shared_ptr<PolishJob> polished_ ABSL_GUARDED_BY(polish_mutex_);  // done, not applied yet
-  absl::Status flow_failure_ ABSL_GUARDED_BY(polish_mutex_);
+  absl::Mutex flow_failure_mutex_;
+  absl::Status flow_failure_ ABSL_GUARDED_BY(flow_failure_mutex_);
 
   // Compute thread only.
-  bool polishing_ = false;
   std::unique_ptr<Admission::Ticket> ticket_;
   TrackSet tracks_;
   SessionSummary summary_;

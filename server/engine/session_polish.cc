@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/session_polish.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "absl/cleanup/cleanup.h"
+
+namespace holdfast {
+
+bool SessionPolish::Start(TrackSet& tracks) {
+  if (job_ != nullptr) return false;
+  auto job = std::make_unique<Job>();
+  job->tracks = tracks.Unpolished();
+  if (job->tracks.empty()) return false;
+  job->first = tracks.cache().newest();
+  int64_t last = 0;
+  for (const PointTrack* track : job->tracks) {
+    const PointTrack::Unpolished unpolished = track->unpolished();
+    PolishTrack work{flow_.PatchOf(track->serial()), std::nullopt, unpolished.first, {}, unpolished.visible};
+    if (unpolished.previous) work.previous = flow_.ToFlow(*unpolished.previous);
+    for (const Position& position : unpolished.positions) work.positions.push_back(flow_.ToFlow(position));
+    job->first = std::min(job->first, unpolished.first - 1);
+    last = std::max(last, unpolished.first + static_cast<int64_t>(work.positions.size()) - 1);
+    job->work.push_back(std::move(work));
+  }
+  const std::vector<FlowPyramidPtr> pyramids = flow_.Pyramids(job->first, last);
+  job->pyramids = {pyramids.begin(), pyramids.end()};
+  job_ = std::move(job);
+  return true;
+}
+
+bool SessionPolish::Step() {
+  Job& job = *job_;
+  bool over = true;
+  // Also where the work throws: the compute thread then takes the job as far as it came.
+  const absl::Cleanup hand_back = [this, &over] {
+    if (!over) return;
+    absl::MutexLock lock(&mutex_);
+    done_ = true;
+  };
+  PolishFrame(absl::MakeSpan(job.work), job.first + 1, *job.pyramids[0], *job.pyramids[1]);
+  job.pyramids.pop_front();
+  ++job.first;
+  over = job.pyramids.size() < 2;
+  return !over;
+}
+
+bool SessionPolish::Finish(TrackSet& tracks, std::vector<PointRun>& runs) {
+  {
+    absl::MutexLock lock(&mutex_);
+    if (!done_) return false;
+    done_ = false;
+  }
+  const std::unique_ptr<Job> job = std::move(job_);
+  for (size_t i = 0; i < job->tracks.size(); ++i) {
+    std::vector<Position> positions;
+    for (const FlowPoint& point : job->work[i].positions) positions.push_back(flow_.ToFeatures(point));
+    if (auto run = tracks.Polish(*job->tracks[i], positions)) runs.push_back(*std::move(run));
+  }
+  return true;
+}
+
+}  // namespace holdfast
