@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "server/engine/engine_options.h"
+
 #include "absl/strings/str_cat.h"
-#include "server/engine/engine.h"
 
 namespace holdfast {
 namespace {

@@ -3,7 +3,7 @@
 
 #include "absl/status/statusor.h"
 #include "api/types.h"
-#include "server/engine/engine.h"
+#include "server/engine/engine_options.h"
 #include "server/engine/tracker_model.h"
 
 namespace holdfast {

@@ -15,7 +15,7 @@
 #include "api/clock.h"
 #include "api/errors.h"
 #include "api/types.h"
-#include "server/engine/engine.h"
+#include "server/engine/engine_session.h"
 #include "server/engine/input/frame_decoder.h"
 #include "server/engine/input/point_queue.h"
 #include "server/engine/tracker_model.h"

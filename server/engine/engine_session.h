@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "api/types.h"
+
+namespace holdfast {
+
+// Receives what a session produces, on threads of the engine, one call at a time. Calls must return quickly and must
+// not destroy the session.
+class SessionListener {
+ public:
+  virtual ~SessionListener() = default;
+  virtual void OnTracks(TrackUpdate update) = 0;
+  virtual void OnWarning(const absl::Status& warning) = 0;
+  // After PushFrame said "full": there is room again. May come before that PushFrame has returned.
+  virtual void OnRoomForFrame() = 0;
+  // The last call. OK after Finish(), otherwise why the session ended early; its earlier results came before.
+  virtual void OnDone(const absl::Status& status, const SessionSummary& summary) = 0;
+};
+
+enum class Room { kAvailable, kFull };
+
+// One stream's state. Methods never block and may be called from any thread, in the order the stream has. An
+// error of a method ends nothing by itself: the caller decides (a stream ends; see Fail).
+class EngineSession {
+ public:
+  // Cancels, and blocks until the listener is not in use any more: at most as long as the batch that is being computed
+  // takes. Not from a call of the listener.
+  virtual ~EngineSession() = default;
+  virtual const SessionAccepted& accepted() const = 0;
+  // Takes the frame and says whether there is room for a next one. REQUIRES: room for this one.
+  virtual absl::StatusOr<Room> PushFrame(Frame frame) = 0;
+  virtual absl::Status AddPoints(const std::vector<PointQuery>& points) = 0;
+  virtual absl::Status RemovePoints(const std::vector<PointId>& ids) = 0;
+  // No more frames. Everything pushed so far is tracked and becomes final, then OnDone(OK).
+  virtual void Finish() = 0;
+  // As Finish, but OnDone carries 'status': nothing already pushed is lost.
+  virtual void Fail(absl::Status status) = 0;
+  // OnDone(CANCELLED) soon; work not yet begun is dropped.
+  virtual void Cancel() = 0;
+};
+
+}  // namespace holdfast
