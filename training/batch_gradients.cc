@@ -16,11 +16,7 @@ void AddTimes(const StepTimes& times, StepTimes& sum) {
 }
 
 void AddLoss(const LossValues& loss, LossValues& sum) {
-  sum.total += loss.total;
-  sum.distance += loss.distance;
-  sum.objectness += loss.objectness;
-  sum.visibility += loss.visibility;
-  sum.matching += loss.matching;
+  for (const LossColumn& column : kLossColumns) sum.*column.value += loss.*column.value;
 }
 
 }  // namespace

@@ -23,15 +23,18 @@
 namespace holdfast {
 namespace {
 
-// What travels with the gradients, as sums over processes.
-enum Extra { kTotal, kDistance, kObjectness, kVisibility, kMatching, kStop, kProgress, kExtraCount };
+// What travels with the gradients, as sums over processes: the loss in the order of its columns, then these.
+enum Extra : size_t { kStop = kLossColumns.size(), kProgress, kExtraCount };
 
 void PutLoss(const LossValues& loss, std::vector<double>& extra) {
-  extra[kTotal] = loss.total;
-  extra[kDistance] = loss.distance;
-  extra[kObjectness] = loss.objectness;
-  extra[kVisibility] = loss.visibility;
-  extra[kMatching] = loss.matching;
+  for (size_t i = 0; i < kLossColumns.size(); ++i) extra[i] = loss.*kLossColumns[i].value;
+}
+
+// The mean over 'clips' of what PutLoss put in.
+LossValues MeanLoss(const std::vector<double>& extra, int64_t clips) {
+  LossValues mean = {};
+  for (size_t i = 0; i < kLossColumns.size(); ++i) mean.*kLossColumns[i].value = extra[i] / static_cast<double>(clips);
+  return mean;
 }
 
 torch::optim::AdamWOptions OptimizerOptions(const Recipe& recipe) {
@@ -192,7 +195,8 @@ absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra)
   absl::StatusOr<torch::Tensor> gradient = SumGradients(parts_.model->parameters(), share, *parts_.group, extra);
   if (!gradient.ok()) return gradient.status();
   report.gradient_norm = ClipGradient(*gradient, recipe().clip_norm);
-  report.skipped = !std::isfinite(report.gradient_norm) || !std::isfinite(extra[kTotal]);
+  report.loss = MeanLoss(extra, report.clips);
+  report.skipped = !std::isfinite(report.gradient_norm) || !std::isfinite(report.loss.total);
   if (!report.skipped) {
     optimizer_.step();
     average_.Update(*parts_.model);
@@ -204,9 +208,6 @@ absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra)
 }
 
 void TrainerImpl::Finish(StepReport& report, const std::vector<double>& extra) {
-  const double clips = static_cast<double>(report.clips);
-  report.loss = {extra[kTotal] / clips, extra[kDistance] / clips, extra[kObjectness] / clips,
-                 extra[kVisibility] / clips, extra[kMatching] / clips};
   stop_ = extra[kStop] > 0;
   state_.step += 1;
   // Single precision on the wire must not end a training early or late.

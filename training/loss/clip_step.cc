@@ -11,11 +11,6 @@ double ValueOf(const torch::Tensor& part) {
   return part.defined() ? part.item<double>() : std::numeric_limits<double>::quiet_NaN();
 }
 
-LossValues ValuesOf(const LossParts& parts) {
-  return {ValueOf(parts.total), ValueOf(parts.distance), ValueOf(parts.objectness), ValueOf(parts.visibility),
-          ValueOf(parts.matching)};
-}
-
 // Each distinct frame is encoded once; a repeated tail shares its map, and the gradients add up there.
 torch::Tensor EncodeWindow(PointModelImpl& network, const torch::Tensor& frames, int64_t distinct) {
   const int64_t all = frames.size(0);
@@ -46,7 +41,7 @@ ClipStepResult AddClipGradient(PointModelImpl& network, const ClipTensors& clip,
   const LossParts parts = ClipLoss(prediction, targets, options.loss);
   const SteadyTime refined = clock.SteadyNow();
   parts.total.backward();
-  ClipStepResult result = {ValuesOf(parts), {}};
+  ClipStepResult result = {parts.Map(ValueOf), {}};
   result.times.encode = Between(begin, encoded);
   result.times.refine = Between(encoded, refined);
   result.times.backward = clock.Since(refined);

@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "training/loss/clip_targets.h"
+#include "training/report/training_report.h"
 
 namespace holdfast {
 
@@ -36,13 +37,7 @@ struct Prediction {
 };
 
 // Scalars. 'total' carries the gradient; the parts are before weighting, detached; undefined where not asked for.
-struct LossParts {
-  torch::Tensor total;
-  torch::Tensor distance;
-  torch::Tensor objectness;
-  torch::Tensor visibility;
-  torch::Tensor matching;
-};
+using LossParts = LossPartsOf<torch::Tensor>;
 
 // Every valid (point, frame) pair counts the same; pairs whose label is not valid count nowhere.
 torch::Tensor DistanceLoss(const std::vector<torch::Tensor>& positions, const ClipTargets& targets,

@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 namespace holdfast {
 namespace {
@@ -16,16 +18,22 @@ std::string Remaining(const StepReport& report) {
   return absl::StrCat(", ", absl::FormatDuration(absl::Trunc(left, absl::Seconds(1))), " left");
 }
 
+// "loss 1.500 (distance 1.250, visible 0.500)": the total, and in brackets the parts that there are.
+std::string LossText(const LossValues& loss) {
+  std::vector<std::string> parts;
+  for (const LossColumn& column : kLossColumns) {
+    const double value = loss.*column.value;
+    if (column.always || std::isfinite(value)) parts.push_back(absl::StrFormat("%s %.3f", column.label, value));
+  }
+  return absl::StrCat(parts.front(), " (", absl::StrJoin(parts.begin() + 1, parts.end(), ", "), ")");
+}
+
 std::string StepLine(const StepReport& report) {
   std::string line = absl::StrCat("step ", report.step);
   if (report.steps > 0) absl::StrAppend(&line, "/", report.steps);
   const double seconds = absl::ToDoubleSeconds(report.times.total());
-  absl::StrAppendFormat(&line, "  loss %.3f (distance %.3f", report.loss.total, report.loss.distance);
-  if (std::isfinite(report.loss.objectness)) absl::StrAppendFormat(&line, ", object %.3f", report.loss.objectness);
-  if (std::isfinite(report.loss.visibility)) absl::StrAppendFormat(&line, ", visible %.3f", report.loss.visibility);
-  if (std::isfinite(report.loss.matching)) absl::StrAppendFormat(&line, ", match %.3f", report.loss.matching);
-  absl::StrAppendFormat(&line, ")  lr %.2e  %.2f s/step, data %.0f%%%s", report.learning_rate, seconds,
-                        seconds > 0 ? 100 * absl::ToDoubleSeconds(report.times.data) / seconds : 0.0,
+  absl::StrAppendFormat(&line, "  %s  lr %.2e  %.2f s/step, data %.0f%%%s", LossText(report.loss), report.learning_rate,
+                        seconds, seconds > 0 ? 100 * absl::ToDoubleSeconds(report.times.data) / seconds : 0.0,
                         Remaining(report));
   if (report.skipped) absl::StrAppend(&line, "  SKIPPED: not finite");
   return line;

@@ -56,11 +56,7 @@ nlohmann::json StepLine(const StepReport& report) {
                          {"skipped_steps", report.skipped_steps},
                          {"skipped_samples", report.skipped_samples}};
   AddFinite(line, "gradient_norm", report.gradient_norm);
-  AddFinite(line, "loss", report.loss.total);
-  AddFinite(line, "distance", report.loss.distance);
-  AddFinite(line, "objectness", report.loss.objectness);
-  AddFinite(line, "visibility", report.loss.visibility);
-  AddFinite(line, "matching", report.loss.matching);
+  for (const LossColumn& column : kLossColumns) AddFinite(line, column.key, report.loss.*column.value);
   const StepTimes& times = report.times;
   line["seconds"] = {
       {"data", absl::ToDoubleSeconds(times.data)},     {"encode", absl::ToDoubleSeconds(times.encode)},
@@ -110,15 +106,13 @@ class EventLog : public TrainingObserver {
                        {"train/seconds_per_step", absl::ToDoubleSeconds(report.times.total())},
                        {"train/data_wait_seconds", absl::ToDoubleSeconds(report.times.data)},
                        {"train/skipped_steps", static_cast<float>(report.skipped_steps)}};
-    const auto add = [&](const char* tag, double value) {
+    const auto add = [&](const std::string& tag, double value) {
       if (std::isfinite(value)) scalars.emplace_back(tag, value);
     };
     add("train/gradient_norm", report.gradient_norm);
-    add("loss/total", report.loss.total);
-    add("loss/distance", report.loss.distance);
-    add("loss/objectness", report.loss.objectness);
-    add("loss/visibility", report.loss.visibility);
-    add("loss/matching", report.loss.matching);
+    for (const LossColumn& column : kLossColumns) {
+      add(absl::StrCat("loss/", column.name), report.loss.*column.value);
+    }
     Write(report.when, report.step, scalars);
   }
 

@@ -52,11 +52,10 @@ class PrometheusTraining : public TrainingMetrics {
     norm_.Set(report.gradient_norm);
     samples_.Set(static_cast<double>(report.skipped_samples));
     bfloat16_.Set(report.bfloat16 ? 1 : 0);
-    SetLoss("total", report.loss.total);
-    SetLoss("distance", report.loss.distance);
-    SetLoss("objectness", report.loss.objectness);
-    SetLoss("visibility", report.loss.visibility);
-    SetLoss("matching", report.loss.matching);
+    for (const LossColumn& column : kLossColumns) {
+      const double value = report.loss.*column.value;
+      if (std::isfinite(value)) loss_.Add({{"part", column.name}}).Set(value);
+    }
   }
 
   void Validated(const ValidationReport& report) override {
@@ -76,9 +75,6 @@ class PrometheusTraining : public TrainingMetrics {
   }
   prometheus::Gauge& Level(const char* name, const char* help) {
     return prometheus::BuildGauge().Name(name).Help(help).Register(*registry_).Add({});
-  }
-  void SetLoss(const char* part, double value) {
-    if (std::isfinite(value)) loss_.Add({{"part", part}}).Set(value);
   }
 
   std::shared_ptr<prometheus::Registry> registry_;

@@ -2,9 +2,11 @@
 // What a training says about itself while it runs, and who listens.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/string_view.h"
@@ -23,14 +25,42 @@ struct StepTimes {
   absl::Duration total() const { return data + encode + refine + backward + update; }
 };
 
-// Mean over the clips of a step, before weighting; NaN where the recipe or the network has no such part.
-struct LossValues {
-  double total;
-  double distance;
-  double objectness;
-  double visibility;
-  double matching;
+// The loss of a clip and the parts that it is the weighted sum of: tensors where it is computed, numbers in reports.
+template <typename T>
+struct LossPartsOf {
+  T total;
+  T distance;
+  T objectness;
+  T visibility;
+  T matching;
+
+  // What 'convert' makes of the total and of each part.
+  template <typename Convert>
+  auto Map(const Convert& convert) const -> LossPartsOf<decltype(convert(total))> {
+    return {convert(total), convert(distance), convert(objectness), convert(visibility), convert(matching)};
+  }
 };
+
+// Mean over the clips of a step, parts before weighting; NaN where the recipe or the network has no such part.
+using LossValues = LossPartsOf<double>;
+
+struct LossColumn {
+  const char* name;   // in event files ("loss/<name>") and of the metrics port's label "part"
+  const char* key;    // in log.jsonl
+  const char* label;  // on the console
+  bool always;        // every clip has it: the console shows it even where it is not finite
+  double LossValues::*value;
+};
+
+// The one list of what the trainer adds up, sends to the other processes and reports; the total comes first. Records
+// leave out what is not finite.
+inline constexpr std::array<LossColumn, 5> kLossColumns = {{
+    {"total", "loss", "loss", true, &LossValues::total},
+    {"distance", "distance", "distance", true, &LossValues::distance},
+    {"objectness", "objectness", "object", false, &LossValues::objectness},
+    {"visibility", "visibility", "visible", false, &LossValues::visibility},
+    {"matching", "matching", "match", false, &LossValues::matching},
+}};
 
 struct StepReport {
   int64_t step = 0;        // 1 for the first

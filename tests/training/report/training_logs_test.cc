@@ -6,8 +6,11 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
+#include <string>
 
+#include "absl/strings/str_cat.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "training/report/console.h"
@@ -149,6 +152,62 @@ TEST(TrainingMetricsTest, CountsStepsAndShowsTheLastValues) {
     EXPECT_THAT(text, HasSubstr(line));
   }
   EXPECT_THAT(text, Not(HasSubstr("objectness")));
+}
+
+template <typename... Fields>
+constexpr size_t Count(const Fields&...) {
+  return sizeof...(Fields);
+}
+
+TEST(LossColumnsTest, EveryPartHasAColumnOfItsOwn) {
+  // A part more or less than these does not compile: it needs a row of kLossColumns.
+  const auto& [total, distance, objectness, visibility, matching] = LossValues{};
+  EXPECT_EQ(kLossColumns.size(), Count(total, distance, objectness, visibility, matching));
+  LossValues values = {};
+  std::set<std::string> names, keys, labels;
+  for (const LossColumn& column : kLossColumns) {
+    EXPECT_EQ(values.*column.value, 0) << column.name << " is the part of another column too";
+    values.*column.value = 1;
+    names.insert(column.name);
+    keys.insert(column.key);
+    labels.insert(column.label);
+  }
+  for (const auto& distinct : {names, keys, labels}) EXPECT_EQ(distinct.size(), kLossColumns.size());
+}
+
+TEST(LossColumnsTest, EachReachesEveryRecord) {
+  StepReport report = Step(3);
+  for (size_t i = 0; i < kLossColumns.size(); ++i) report.loss.*kLossColumns[i].value = 2.5 + static_cast<double>(i);
+  const TempDir dir;
+  std::ostringstream console;
+  auto json = OpenJsonLog(dir.File("log.jsonl"));
+  auto events = OpenEventLog(dir.File("events"), absl::FromUnixSeconds(1000));
+  auto metrics = TrainingMetrics::Listen("127.0.0.1:0");
+  ASSERT_THAT(json, IsOk());
+  ASSERT_THAT(events, IsOk());
+  ASSERT_THAT(metrics, IsOk());
+  MakeConsole(console, {false, 1})->StepDone(report);
+  (*json)->StepDone(report);
+  (*events)->StepDone(report);
+  (*metrics)->StepDone(report);
+  EXPECT_THAT(console.str(), HasSubstr("  loss 2.500 (distance 3.500, object 4.500, visible 5.500, match 6.500)  lr "));
+  const auto line = nlohmann::json::parse(Read(dir.File("log.jsonl")));
+  const std::string bytes = Read(std::filesystem::directory_iterator(dir.File("events"))->path().string());
+  for (const LossColumn& column : kLossColumns) {
+    const double value = report.loss.*column.value;
+    EXPECT_EQ(line[column.key], value);
+    EXPECT_THAT(bytes, HasSubstr(absl::StrCat("loss/", column.name)));
+    EXPECT_THAT((*metrics)->Text(),
+                HasSubstr(absl::StrCat("holdfast_training_loss{part=\"", column.name, "\"} ", value, "\n")));
+  }
+}
+
+TEST(LossColumnsTest, ALossThatIsNotFiniteShowsOnTheConsole) {
+  StepReport report = Step(1);
+  report.loss.total = report.loss.distance = std::nan("");
+  std::ostringstream out;
+  MakeConsole(out, {false, 1})->StepDone(report);
+  EXPECT_THAT(out.str(), HasSubstr("loss nan (distance nan, visible 0.500)"));
 }
 
 TEST(TrainingMetricsTest, AnAddressThatIsTakenIsAnError) {
