@@ -11,35 +11,17 @@
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
 #include "model/presets.h"
+#include "training/recipe.h"
 
 // The network and its recipe. A flag that is not given leaves what the preset says.
 ABSL_FLAG(std::string, preset, "small", "network and recipe: paper, small or test");
 ABSL_FLAG(std::optional<int64_t>, attention_blocks, std::nullopt, "of the contextual attention; 0: without");
 ABSL_FLAG(std::optional<bool>, visibility_head, std::nullopt, "whether the network says if a point is visible");
 ABSL_FLAG(std::string, init, "", "checkpoint to start from, of this or a similar network; empty: random weights");
-ABSL_FLAG(std::optional<int64_t>, steps, std::nullopt, "optimizer steps; 0: the schedule follows --time_budget");
 ABSL_FLAG(absl::Duration, time_budget, absl::InfiniteDuration(), "of training, over all runs: 30m, 12h");
-ABSL_FLAG(std::optional<int64_t>, batch_size, std::nullopt, "clips a loader batch of each process");
-ABSL_FLAG(std::optional<int64_t>, accumulate, std::nullopt, "loader batches an optimizer step");
-ABSL_FLAG(std::optional<int64_t>, frames, std::nullopt, "of a clip");
-ABSL_FLAG(std::optional<double>, lr, std::nullopt, "highest learning rate");
-ABSL_FLAG(std::optional<double>, warm_up, std::nullopt, "share of the training in which the learning rate rises");
-ABSL_FLAG(std::optional<double>, weight_decay, std::nullopt, "of AdamW");
-ABSL_FLAG(std::optional<double>, clip_norm, std::nullopt, "largest norm of the gradient");
-ABSL_FLAG(std::optional<double>, ema, std::nullopt, "decay of the averaged weights; 0: without");
-ABSL_FLAG(std::optional<bool>, bf16, std::nullopt,
-          "run the network in bfloat16; not given: as the preset says, where this machine computes it fast and right");
-ABSL_FLAG(std::string, loss, "", "paper, or published: as the published code measures distance");
-ABSL_FLAG(std::optional<double>, gamma, std::nullopt, "weight of an iteration relative to the next");
-ABSL_FLAG(std::optional<double>, alpha, std::nullopt, "weight of the objectness loss; 0: without");
-ABSL_FLAG(std::optional<double>, visibility_loss, std::nullopt, "weight of the visibility loss");
-ABSL_FLAG(std::optional<double>, matching_loss, std::nullopt, "weight of the matching loss; 0: without");
-ABSL_FLAG(std::optional<double>, matching_until, std::nullopt, "share of the training in which it fades out");
-ABSL_FLAG(std::optional<double>, noisy_start, std::nullopt, "probability of a start between noise and truth");
-ABSL_FLAG(std::optional<double>, streaming_windows, std::nullopt, "probability of a window as the engine has them");
-ABSL_FLAG(std::optional<double>, chain_start, std::nullopt,
-          "probability that a start goes on by a chain of optical flow instead of standing still");
-ABSL_FLAG(std::optional<int64_t>, motion_ramp_clips, std::nullopt, "synthetic clips until full motion");
+#define RECIPE_FIELD(key, flag, member, limits, help) \
+  ABSL_FLAG(std::optional<decltype(holdfast::Recipe::member)>, flag, std::nullopt, help);
+#include "training/recipe_fields.inc"
 ABSL_FLAG(std::string, phases, "", "until:WIDTHxHEIGHT:points:iterations,... e.g. 0.7:256x192:64:3,1:320x256:64:4");
 
 // The data.
@@ -85,41 +67,11 @@ absl::StatusOr<ModelOptions> NetworkFromFlags() {
   return network;
 }
 
-absl::Status LossFromFlags(LossOptions& loss) {
-  const std::string form = absl::GetFlag(FLAGS_loss);
-  if (form == "published") {
-    loss.form = DistanceForm::kPublished;
-  } else if (form == "paper") {
-    loss.form = DistanceForm::kPaper;
-  } else if (!form.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat("--loss: expected paper or published, got \"", form, "\""));
-  }
-  Override(absl::GetFlag(FLAGS_gamma), loss.gamma);
-  Override(absl::GetFlag(FLAGS_alpha), loss.alpha);
-  Override(absl::GetFlag(FLAGS_visibility_loss), loss.visibility_weight);
-  Override(absl::GetFlag(FLAGS_matching_loss), loss.matching_weight);
-  return absl::OkStatus();
-}
-
 absl::StatusOr<Recipe> RecipeFromFlags() {
   absl::StatusOr<Recipe> recipe = RecipeByName(absl::GetFlag(FLAGS_preset));
   if (!recipe.ok()) return absl::InvalidArgumentError(absl::StrCat("--preset: ", recipe.status().message()));
-  if (const absl::Status status = LossFromFlags(recipe->loss); !status.ok()) return status;
-  Override(absl::GetFlag(FLAGS_steps), recipe->steps);
-  Override(absl::GetFlag(FLAGS_batch_size), recipe->batch_size);
-  Override(absl::GetFlag(FLAGS_accumulate), recipe->accumulate);
-  Override(absl::GetFlag(FLAGS_frames), recipe->frames);
-  Override(absl::GetFlag(FLAGS_lr), recipe->schedule.peak_rate);
-  Override(absl::GetFlag(FLAGS_warm_up), recipe->schedule.warm_up);
-  Override(absl::GetFlag(FLAGS_weight_decay), recipe->weight_decay);
-  Override(absl::GetFlag(FLAGS_clip_norm), recipe->clip_norm);
-  Override(absl::GetFlag(FLAGS_ema), recipe->average_decay);
-  Override(absl::GetFlag(FLAGS_bf16), recipe->bfloat16);
-  Override(absl::GetFlag(FLAGS_matching_until), recipe->matching_until);
-  Override(absl::GetFlag(FLAGS_noisy_start), recipe->noisy_start);
-  Override(absl::GetFlag(FLAGS_streaming_windows), recipe->streaming_windows);
-  Override(absl::GetFlag(FLAGS_chain_start), recipe->chain_start);
-  Override(absl::GetFlag(FLAGS_motion_ramp_clips), recipe->motion_ramp_clips);
+#define RECIPE_FIELD(key, flag, member, limits, help) Override(absl::GetFlag(FLAGS_##flag), recipe->member);
+#include "training/recipe_fields.inc"
   if (absl::GetFlag(FLAGS_phases).empty()) return recipe;
   absl::StatusOr<std::vector<Phase>> phases = ParsePhases(absl::GetFlag(FLAGS_phases));
   if (!phases.ok()) return phases.status();

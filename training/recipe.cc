@@ -49,7 +49,9 @@ Recipe TestRecipe() {
 
 absl::Status Invalid(absl::string_view what) { return absl::InvalidArgumentError(absl::StrCat("recipe: ", what)); }
 
-bool IsShare(double value) { return value >= 0 && value <= 1; }
+constexpr Limits kNoLimits;  // of what is no number
+constexpr Limits AtLeast(double min) { return Limits{min}; }
+constexpr Limits MoreThan(double min) { return Limits{min, kNoLimits.max, /*min_allowed=*/false}; }
 
 absl::Status ValidatePhases(const std::vector<Phase>& phases) {
   double begin = 0;
@@ -66,21 +68,47 @@ absl::Status ValidatePhases(const std::vector<Phase>& phases) {
 
 }  // namespace
 
+bool Limits::Allow(double value) const {
+  return (min_allowed ? value >= min : value > min) && (max_allowed ? value <= max : value < max);
+}
+
+std::string Limits::Text() const {
+  const std::string above = min_allowed ? absl::StrCat(min, " or more") : absl::StrCat("above ", min);
+  if (max == std::numeric_limits<double>::infinity()) return above;
+  return absl::StrCat(above, " and ", max_allowed ? "at most " : "below ", max);
+}
+
+std::string RecipeField::Text(const Recipe& recipe) const {
+  const RecipeValue value = get(recipe);
+  if (const auto* integer = std::get_if<int64_t>(&value)) return absl::StrCat(*integer);
+  if (const auto* number = std::get_if<double>(&value)) return absl::StrCat(*number);
+  if (const auto* on = std::get_if<bool>(&value)) return *on ? "1" : "0";
+  return AbslUnparseFlag(std::get<DistanceForm>(value));
+}
+
+absl::Status RecipeField::Check(const Recipe& recipe) const {
+  const RecipeValue value = get(recipe);
+  const auto* integer = std::get_if<int64_t>(&value);
+  const auto* number = std::get_if<double>(&value);
+  if (integer == nullptr && number == nullptr) return absl::OkStatus();
+  if (limits.Allow(integer != nullptr ? static_cast<double>(*integer) : *number)) return absl::OkStatus();
+  return Invalid(absl::StrCat(key, " (--", flag, ") must be ", limits.Text(), ", not ", Text(recipe)));
+}
+
+const std::vector<RecipeField>& RecipeFields() {
+#define RECIPE_FIELD(key, flag, member, limits, help)                                      \
+  {#key, #flag, limits, [](const Recipe& recipe) -> RecipeValue { return recipe.member; }, \
+   [](Recipe& recipe, const RecipeValue& value) { recipe.member = std::get<decltype(recipe.member)>(value); }},
+  static const std::vector<RecipeField> fields = {
+#include "training/recipe_fields.inc"
+  };
+  return fields;
+}
+
 absl::Status Recipe::Validate() const {
-  if (steps < 0) return Invalid("steps must be 0 or more");
-  if (batch_size <= 0) return Invalid("the batch size must be positive");
-  if (accumulate <= 0) return Invalid("accumulate must be positive");
-  if (frames < 2) return Invalid("a clip needs 2 frames or more");
-  if (!(weight_decay >= 0)) return Invalid("the weight decay must be 0 or more");
-  if (!(clip_norm > 0)) return Invalid("the clipping norm must be positive");
-  if (!(average_decay >= 0 && average_decay < 1)) return Invalid("the decay of the average must be in [0, 1)");
-  if (!(matching_until > 0 && matching_until <= 1)) return Invalid("the end of the matching loss must be in (0, 1]");
-  if (!IsShare(noisy_start)) return Invalid("the share of noisy starts must be in [0, 1]");
-  if (!IsShare(streaming_windows)) return Invalid("the share of streaming windows must be in [0, 1]");
-  if (!IsShare(chain_start)) return Invalid("the share of chained starts must be in [0, 1]");
-  if (motion_ramp_clips < 0) return Invalid("the motion ramp must be 0 clips or more");
-  if (const absl::Status status = schedule.Validate(); !status.ok()) return status;
-  if (const absl::Status status = loss.Validate(); !status.ok()) return status;
+  for (const RecipeField& field : RecipeFields()) {
+    if (const absl::Status status = field.Check(*this); !status.ok()) return status;
+  }
   return ValidatePhases(phases);
 }
 
@@ -106,19 +134,10 @@ absl::StatusOr<Recipe> RecipeByName(absl::string_view name) {
 
 std::vector<std::string> RecipeNames() { return {"paper", "small", "test"}; }
 
-std::string Describe(const Recipe& r) {
-  std::string text =
-      absl::StrCat("name=", r.name, " steps=", r.steps, " batch_size=", r.batch_size, " accumulate=", r.accumulate,
-                   " frames=", r.frames, " lr=", r.schedule.peak_rate, " warm_up=", r.schedule.warm_up,
-                   " start_divisor=", r.schedule.start_divisor, " end_divisor=", r.schedule.end_divisor,
-                   " weight_decay=", r.weight_decay, " clip_norm=", r.clip_norm, " average_decay=", r.average_decay,
-                   " bf16=", static_cast<int>(r.bfloat16));
-  absl::StrAppend(&text, " loss=", r.loss.form == DistanceForm::kPaper ? "paper" : "published", " gamma=", r.loss.gamma,
-                  " alpha=", r.loss.alpha, " visibility_loss=", r.loss.visibility_weight,
-                  " matching_loss=", r.loss.matching_weight, " matching_until=", r.matching_until,
-                  " noisy_start=", r.noisy_start, " streaming_windows=", r.streaming_windows,
-                  " chain_start=", r.chain_start, " motion_ramp_clips=", r.motion_ramp_clips);
-  for (const Phase& phase : r.phases) {
+std::string Describe(const Recipe& recipe) {
+  std::string text = absl::StrCat("name=", recipe.name);
+  for (const RecipeField& field : RecipeFields()) absl::StrAppend(&text, " ", field.key, "=", field.Text(recipe));
+  for (const Phase& phase : recipe.phases) {
     absl::StrAppend(&text, " phase=", phase.until, ":", phase.width, "x", phase.height, ":", phase.points, ":",
                     phase.iterations);
   }

@@ -3,7 +3,9 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -23,6 +25,7 @@ struct Phase {
   int64_t iterations = 6;  // K
 };
 
+// Fields that are one value each have a row in recipe_fields.inc, with their limits.
 struct Recipe {
   std::string name;        // of the preset, "paper" or "small", or what the user changed it into
   int64_t steps = 0;       // optimizer steps; 0: as many as the time budget allows, the schedule follows the time
@@ -42,6 +45,7 @@ struct Recipe {
   int64_t motion_ramp_clips = 0;  // synthetic clips until motion has its full strength; 0: from the first
   std::vector<Phase> phases = std::vector<Phase>(1);
 
+  // INVALID_ARGUMENT names the field and its flag.
   absl::Status Validate() const;
   // The phase at 'progress' in [0, 1].
   const Phase& PhaseAt(double progress) const;
@@ -54,7 +58,40 @@ struct Recipe {
 absl::StatusOr<Recipe> RecipeByName(absl::string_view name);
 std::vector<std::string> RecipeNames();
 
-// One line with every field: two recipes are the same if and only if their lines are.
+// One line with every field: two recipes are the same if and only if their lines are. A checkpoint keeps it, and a
+// training goes on only where it is the same, so what it says of a recipe may not change.
 std::string Describe(const Recipe& recipe);
+
+// The numbers that a field may have. NaN is never among them.
+struct Limits {
+  double min = -std::numeric_limits<double>::infinity();
+  double max = std::numeric_limits<double>::infinity();
+  bool min_allowed = true;
+  bool max_allowed = true;
+
+  constexpr Limits AtMost(double value) const { return {min, value, min_allowed, true}; }
+  constexpr Limits LessThan(double value) const { return {min, value, min_allowed, false}; }
+  bool Allow(double value) const;
+  // What a number must be: "0 or more", "above 0 and at most 1".
+  std::string Text() const;
+};
+
+using RecipeValue = std::variant<int64_t, double, bool, DistanceForm>;
+
+// A row of recipe_fields.inc.
+struct RecipeField {
+  const char* key;   // in descriptions
+  const char* flag;  // of holdfast-train
+  Limits limits;     // of numbers
+  RecipeValue (*get)(const Recipe& recipe);
+  void (*set)(Recipe& recipe, const RecipeValue& value);  // REQUIRES: the type that 'get' returns
+
+  // As descriptions and the flag have it: "24", "0.8", "1" for true, "paper".
+  std::string Text(const Recipe& recipe) const;
+  absl::Status Check(const Recipe& recipe) const;
+};
+
+// Every field but the name and the phases, in the order of descriptions.
+const std::vector<RecipeField>& RecipeFields();
 
 }  // namespace holdfast

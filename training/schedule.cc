@@ -5,13 +5,6 @@
 
 namespace holdfast {
 
-absl::Status ScheduleOptions::Validate() const {
-  if (!(peak_rate > 0)) return absl::InvalidArgumentError("the learning rate must be positive");
-  if (!(warm_up > 0 && warm_up < 1)) return absl::InvalidArgumentError("the warm-up share must be between 0 and 1");
-  if (!(start_divisor >= 1 && end_divisor >= 1)) return absl::InvalidArgumentError("rate divisors must be 1 or more");
-  return absl::OkStatus();
-}
-
 double LearningRate(const ScheduleOptions& options, double progress) {
   const double p = std::clamp(progress, 0.0, 1.0);
   const double start = options.peak_rate / options.start_divisor;

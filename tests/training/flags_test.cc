@@ -3,13 +3,17 @@
 
 #include <gtest/gtest.h>
 
+#include "absl/flags/commandlineflag.h"
 #include "absl/flags/reflection.h"
+#include "absl/strings/str_cat.h"
 #include "program/flags.h"
+#include "tests/support/changed_recipe.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
 namespace {
 
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 
 absl::StatusOr<TrainRequest> Request(const std::vector<std::string>& args) {
@@ -48,6 +52,20 @@ TEST(TrainFlagsTest, FlagsChangeWhatThePresetSays) {
   EXPECT_EQ(request->data.seed, 4u);
 }
 
+TEST(TrainFlagsTest, EveryFieldOfTheRecipeHasAFlagThatSetsItAlone) {
+  const Recipe preset = *RecipeByName("test");
+  for (const RecipeField& field : RecipeFields()) {
+    const absl::CommandLineFlag* flag = absl::FindCommandLineFlag(field.flag);
+    ASSERT_NE(flag, nullptr) << field.flag;
+    EXPECT_EQ(flag->DefaultValue(), "") << field.flag;
+    EXPECT_THAT(flag->Help(), EndsWith(".")) << field.flag;
+    const Recipe wanted = WithAnother(field, preset);
+    const auto request = Request({"--preset=test", absl::StrCat("--", field.flag, "=", field.Text(wanted))});
+    ASSERT_THAT(request, IsOk()) << field.flag;
+    EXPECT_EQ(Describe(request->trainer.recipe), Describe(wanted));
+  }
+}
+
 TEST(TrainFlagsTest, ValidationClipsAreHeldOut) {
   const auto held_out = Request({"--preset=test", "--clips=1"});
   ASSERT_THAT(held_out, IsOk());
@@ -72,7 +90,9 @@ TEST(TrainFlagsTest, NamesTheFlagThatIsWrong) {
                 {{"--preset=test", "--phases=1:64"}, "--phases"},
                 {{"--preset=test", "--device=abacus"}, "--device"},
                 {{"--preset=test", "--validation_clips=-1"}, "--validation_clips"},
-                {{"--preset=test", "--streaming_windows=2"}, "streaming"}};
+                {{"--preset=test", "--streaming_windows=2"}, "streaming"},
+                {{"--preset=test", "--ema=1"}, "--ema"},
+                {{"--preset=test", "--lr=0"}, "--lr"}};
   for (const auto& wrong : kWrong) {
     EXPECT_THAT(Request(wrong.args), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(wrong.message)));
   }

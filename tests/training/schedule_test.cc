@@ -3,8 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/status_matchers.h"
-
 namespace holdfast {
 namespace {
 
@@ -21,13 +19,6 @@ TEST(ScheduleTest, StaysAtItsEndsOutside) {
   const ScheduleOptions options;
   EXPECT_DOUBLE_EQ(LearningRate(options, -1), LearningRate(options, 0));
   EXPECT_DOUBLE_EQ(LearningRate(options, 2), LearningRate(options, 1));
-}
-
-TEST(ScheduleTest, RefusesWarmUpsOutsideTheTraining) {
-  EXPECT_THAT((ScheduleOptions{1, 0}).Validate(), StatusIs(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT((ScheduleOptions{1, 1}).Validate(), StatusIs(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT((ScheduleOptions{0, 0.1}).Validate(), StatusIs(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT(ScheduleOptions().Validate(), IsOk());
 }
 
 }  // namespace

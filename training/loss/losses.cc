@@ -15,13 +15,17 @@ torch::Tensor MeanOver(const torch::Tensor& values, const torch::Tensor& counts)
 
 }  // namespace
 
-absl::Status LossOptions::Validate() const {
-  if (!(gamma > 0 && gamma <= 1)) return absl::InvalidArgumentError("gamma must be in (0, 1]");
-  if (!(alpha >= 0)) return absl::InvalidArgumentError("alpha must be 0 or more");
-  if (!(visibility_weight >= 0)) return absl::InvalidArgumentError("visibility weight must be 0 or more");
-  if (!(matching_weight >= 0)) return absl::InvalidArgumentError("matching loss weight must be 0 or more");
-  return absl::OkStatus();
+bool AbslParseFlag(absl::string_view text, DistanceForm* form, std::string* error) {
+  for (const DistanceForm known : {DistanceForm::kPaper, DistanceForm::kPublished}) {
+    if (text != AbslUnparseFlag(known)) continue;
+    *form = known;
+    return true;
+  }
+  *error = "expected paper or published";
+  return false;
 }
+
+std::string AbslUnparseFlag(DistanceForm form) { return form == DistanceForm::kPaper ? "paper" : "published"; }
 
 torch::Tensor DistanceLoss(const std::vector<torch::Tensor>& positions, const ClipTargets& targets,
                            const LossOptions& options) {

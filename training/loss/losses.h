@@ -5,9 +5,10 @@
 
 #include <torch/types.h>
 
+#include <string>
 #include <vector>
 
-#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 #include "training/loss/clip_targets.h"
 #include "training/report/training_report.h"
 
@@ -18,14 +19,17 @@ enum class DistanceForm {
   kPublished,  // as the published code: mean over the two coordinates, divided by the number of iterations
 };
 
+// As flags and descriptions have it: "paper", "published". Found by the library of flags.
+bool AbslParseFlag(absl::string_view text, DistanceForm* form, std::string* error);
+std::string AbslUnparseFlag(DistanceForm form);
+
+// What each may be is a matter of the recipe (training/recipe_fields.inc).
 struct LossOptions {
   DistanceForm form = DistanceForm::kPaper;
-  double gamma = 0.8;               // weight of an iteration relative to the one after it; (0, 1]
+  double gamma = 0.8;               // weight of an iteration relative to the one after it
   double alpha = 0.15;              // weight of the objectness loss; 0: without
   double visibility_weight = 0.05;  // of the cross-entropy of the visibility logits, for networks that give them
   double matching_weight = 0;       // of the matching loss; 0: without
-
-  absl::Status Validate() const;
 };
 
 // What the network said about a clip. Positions are image pixels and not locked at frame 0.

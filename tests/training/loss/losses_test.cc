@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/loss/losses.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
 #include <cmath>
-
-#include "tests/support/status_matchers.h"
+#include <string>
 
 namespace holdfast {
 namespace {
@@ -94,14 +94,18 @@ TEST(ClipLossTest, AddsTheObjectPriorOfTheLastIteration) {
   EXPECT_FLOAT_EQ(parts.total.item<float>(), 0.8f * 20 + 4 + 0.25f * 2);
 }
 
-TEST(LossOptionsTest, NamesWhatIsWrong) {
-  LossOptions options;
-  EXPECT_THAT(options.Validate(), IsOk());
-  options.gamma = 1.5;
-  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("gamma")));
-  options = {};
-  options.alpha = std::nan("");
-  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("alpha")));
+TEST(DistanceFormTest, ReadsTheNamesItWrites) {
+  for (const DistanceForm form : {DistanceForm::kPaper, DistanceForm::kPublished}) {
+    DistanceForm read = form == DistanceForm::kPaper ? DistanceForm::kPublished : DistanceForm::kPaper;
+    std::string error;
+    EXPECT_TRUE(AbslParseFlag(AbslUnparseFlag(form), &read, &error)) << error;
+    EXPECT_EQ(read, form);
+  }
+  DistanceForm form = DistanceForm::kPublished;
+  std::string error;
+  EXPECT_FALSE(AbslParseFlag("mine", &form, &error));
+  EXPECT_EQ(form, DistanceForm::kPublished);
+  EXPECT_THAT(error, HasSubstr("paper or published"));
 }
 
 }  // namespace
