@@ -13,39 +13,94 @@
 #include "model/presets.h"
 #include "training/recipe.h"
 
-// The network and its recipe. A flag that is not given leaves what the preset says.
-ABSL_FLAG(std::string, preset, "small", "network and recipe: paper, small or test");
-ABSL_FLAG(std::optional<int64_t>, attention_blocks, std::nullopt, "of the contextual attention; 0: without");
-ABSL_FLAG(std::optional<bool>, visibility_head, std::nullopt, "whether the network says if a point is visible");
-ABSL_FLAG(std::string, init, "", "checkpoint to start from, of this or a similar network; empty: random weights");
-ABSL_FLAG(absl::Duration, time_budget, absl::InfiniteDuration(), "of training, over all runs: 30m, 12h");
+namespace holdfast {
+namespace {
+
+const TrainRequest& Defaults() {
+  static const auto* const defaults = new TrainRequest;  // flags are made before main and may outlive statics
+  return *defaults;
+}
+
+}  // namespace
+}  // namespace holdfast
+
+using holdfast::Defaults;
+
+// The network.
+ABSL_FLAG(
+    std::string, preset, "small",
+    "Names the network and its recipe: paper (the paper's figures, for GPUs), small (for two cores and an hour or "
+    "more) or test (a few milliseconds a step).");
+ABSL_FLAG(std::optional<int64_t>, attention_blocks, std::nullopt,
+          "Gives the network's contextual attention this many blocks; 0: no attention. Not given: as the preset says.");
+ABSL_FLAG(std::optional<bool>, visibility_head, std::nullopt,
+          "Lets the network say whether a point is visible. Not given: as the preset says.");
+ABSL_FLAG(std::string, init, Defaults().init,
+          "Starts from the weights in this checkpoint, of this or a similar network. Empty: from random weights.");
+
+// The recipe. What is not given stays as the preset says.
 #define RECIPE_FIELD(key, flag, member, limits, help) \
   ABSL_FLAG(std::optional<decltype(holdfast::Recipe::member)>, flag, std::nullopt, help);
 #include "training/recipe_fields.inc"
-ABSL_FLAG(std::string, phases, "", "until:WIDTHxHEIGHT:points:iterations,... e.g. 0.7:256x192:64:3,1:320x256:64:4");
+ABSL_FLAG(std::string, phases, "",
+          "Says on what clips which part of the training runs: until:WIDTHxHEIGHT:points:iterations of each phase, "
+          "joined by commas, where 'until' is a share of the training and ends at 1; for example "
+          "0.7:256x192:64:3,1:320x256:64:4. Empty: as the preset says.");
 
 // The data.
-ABSL_FLAG(std::string, format, "synthetic", "synthetic, pointodyssey or neutral");
-ABSL_FLAG(std::string, data, "", "directory of the data set");
-ABSL_FLAG(std::string, split, "train", "of pointodyssey");
-ABSL_FLAG(std::string, pictures, "", "directory with objects/ and backgrounds/ for synthetic clips");
-ABSL_FLAG(int64_t, clips, 0, "synthetic clips there are; 0: never the same twice");
-ABSL_FLAG(bool, augment, true, "change recorded clips at random");
-ABSL_FLAG(int, workers, 1, "threads that make clips");
-ABSL_FLAG(uint64_t, seed, 0, "of all chance");
+ABSL_FLAG(std::string, format, Defaults().data.format,
+          "Names the kind of clips: synthetic (made up, needs no files), pointodyssey or neutral (folders with frames/ "
+          "and tracks.json).");
+ABSL_FLAG(std::string, data, Defaults().data.dir,
+          "Reads recorded clips from this directory; synthetic clips need none.");
+ABSL_FLAG(std::string, split, Defaults().data.split,
+          "Names the part of PointOdyssey to train on; train is validated on val.");
+ABSL_FLAG(std::string, pictures, Defaults().data.pictures,
+          "Takes the pictures of synthetic clips from this directory's objects/ and backgrounds/. Empty: procedural "
+          "textures.");
+ABSL_FLAG(int64_t, clips, Defaults().data.clips,
+          "Makes this many different synthetic clips and repeats them, to see whether the network can learn them by "
+          "heart. 0: no clip comes twice.");
+ABSL_FLAG(bool, augment, Defaults().data.augment,
+          "Changes recorded clips at random (colour, crop, scale, ...) each time they are seen.");
+ABSL_FLAG(int, workers, Defaults().workers,
+          "Makes clips with this many threads, beside those that compute. Raise it when steps wait for clips (data in "
+          "the log).");
+ABSL_FLAG(uint64_t, seed, Defaults().trainer.seed,
+          "Seeds all chance: random weights, clips, their order and their windows. Another seed is another training.");
 
-// The run.
-ABSL_FLAG(std::string, out, "out/train", "directory of checkpoints, weights and logs; goes on from what is there");
-ABSL_FLAG(std::string, device, "cpu", "as LibTorch names it: cpu, cuda, cuda:1");
-ABSL_FLAG(int, threads, 0, "threads of one tensor operation; 0: all cores");
-ABSL_FLAG(int64_t, checkpoint_every, 500, "steps; 0: at the end only");
-ABSL_FLAG(int64_t, validate_every, 500, "steps; 0: never");
-ABSL_FLAG(int64_t, validation_clips, 16, "in the validation set");
-ABSL_FLAG(int64_t, validation_iterations, 4, "refinement iterations in validation");
-ABSL_FLAG(bool, validate_on_training, false, "the training's first clips instead of clips of another seed or split");
-ABSL_FLAG(int64_t, max_skipped, 25, "steps in a row without a finite gradient that end the training");
-ABSL_FLAG(int64_t, log_every, 20, "steps between plain lines, where there is no terminal");
-ABSL_FLAG(std::string, metrics_address, "", "host:port of Prometheus metrics; empty: none");
+// The run. No library should write where nobody told it to, so the directory has no default but here.
+ABSL_FLAG(std::string, out, "out/train",
+          "Keeps checkpoints, weights and logs in this directory, and goes on from the newest checkpoint there.");
+ABSL_FLAG(absl::Duration, time_budget, Defaults().trainer.time_budget,
+          "Ends the training after this time (30m, 12h) over all its runs. With --steps=0 the learning rate and the "
+          "phases follow it.");
+ABSL_FLAG(std::string, device, Defaults().trainer.device.str(),
+          "Trains on this device, as LibTorch names it: cpu, cuda, cuda:1.");
+ABSL_FLAG(int, threads, Defaults().threads,
+          "Computes each tensor operation with this many threads; 0: as many as there are cores. Lower it when several "
+          "processes share a machine.");
+ABSL_FLAG(
+    int64_t, checkpoint_every, Defaults().trainer.checkpoint_every,
+    "Writes a checkpoint whenever this many more steps are done, which is what a killed process loses at most. 0: at "
+    "the end only.");
+ABSL_FLAG(
+    int64_t, validate_every, Defaults().trainer.validate_every,
+    "Validates whenever this many more steps are done and keeps the best weights; training waits meanwhile. 0: never.");
+ABSL_FLAG(int64_t, validation_clips, Defaults().validation_clips,
+          "Validates on this many clips: more make the figures steadier and take longer. 0: no validation.");
+ABSL_FLAG(int64_t, validation_iterations, Defaults().validation_iterations,
+          "Lets the network refine positions this many times in validation.");
+ABSL_FLAG(bool, validate_on_training, false,
+          "Validates on the training's first clips instead of clips of another seed or split.");
+ABSL_FLAG(int64_t, max_skipped, Defaults().trainer.max_skipped_in_row,
+          "Ends the training with an error after this many steps in a row whose loss or gradient is not finite.");
+ABSL_FLAG(
+    int64_t, log_every, Defaults().log_every,
+    "Prints a line whenever this many more steps are done, where standard output is no terminal; a terminal has a "
+    "bar.");
+ABSL_FLAG(std::string, metrics_address, Defaults().metrics_address,
+          "Serves Prometheus metrics at this host:port. Empty: nowhere.");
 
 namespace holdfast {
 namespace {

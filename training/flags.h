@@ -17,7 +17,7 @@ struct TrainRequest {
   TrainerOptions trainer;  // 'device' as well
   TrainingDataOptions data;
   TrainingDataOptions validation_data;
-  int64_t validation_clips = 0;
+  int64_t validation_clips = 16;  // 0: no validation
   int64_t validation_iterations = 4;
   std::string init;             // checkpoint to start from; empty: random weights
   std::string metrics_address;  // host:port; empty: none

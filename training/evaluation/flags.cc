@@ -11,31 +11,73 @@
 #include "absl/strings/str_join.h"
 #include "program/flags.h"
 
-ABSL_FLAG(std::string, data, "", "directory of the data set; with --suite, the one that holds the data sets");
-ABSL_FLAG(std::string, format, "synthetic", "neutral, pointodyssey, tapvid, crohd or synthetic");
-ABSL_FLAG(std::string, weights, "", "checkpoint (safetensors); empty: the baseline alone");
-ABSL_FLAG(std::string, baseline, "", "lk: pyramidal Lucas-Kanade on the same clips, at their own size");
-ABSL_FLAG(std::string, suite, "", "paper: the paper's data sets below --data, with its figures beside ours");
-ABSL_FLAG(std::string, json, "", "file that gets the reports as JSON");
+// A flag that is not given leaves what the options say by themselves.
+namespace holdfast {
+namespace {
+
+const EvaluateRequest& Defaults() {
+  static const auto* const defaults = new EvaluateRequest;  // flags are made before main and may outlive statics
+  return *defaults;
+}
+
+}  // namespace
+}  // namespace holdfast
+
+using holdfast::Defaults;
+
+// What is evaluated.
+ABSL_FLAG(std::string, weights, Defaults().methods.engine.weights_path,
+          "Evaluates the network with these weights (safetensors). Empty: the baseline alone.");
+ABSL_FLAG(std::string, baseline, "",
+          "Evaluates a baseline on the very same clips, at their own size; lk: pyramidal Lucas-Kanade. Empty: none.");
+ABSL_FLAG(std::string, suite, "",
+          "Evaluates a collection of data sets in place of --format; paper: those of the paper that are below --data, "
+          "with its figures beside ours. Empty: no collection.");
+ABSL_FLAG(std::string, json, Defaults().json, "Writes the reports to this file too, as JSON. Empty: to no file.");
+
+// How the network is run.
 ABSL_FLAG(holdfast::ImageSize, processing_size, {},
-          "WIDTHxHEIGHT of the network's frames, multiples of 32; empty: 512x384, or the paper's");
-ABSL_FLAG(int, iterations, 0, "refinement iterations of a window; 0: the engine's default, 16 with --suite");
-ABSL_FLAG(int, hop, 0, "new frames between windows; 0: the engine's default, 23 with --chaining=published");
+          "Resizes the network's frames to WIDTHxHEIGHT, multiples of 32. Results and time depend much on it. Empty: "
+          "the engine's default, 512x384, or the paper's size with --suite.");
+ABSL_FLAG(int, iterations, 0,
+          "Refines the positions of a window this many times: more take longer. 0: as often as the engine does by "
+          "default, 16 times with --suite.");
+ABSL_FLAG(int, hop, 0,
+          "Begins a window this many frames after the one before it: fewer take longer. 0: the engine's default, 23 "
+          "with --chaining=published.");
 ABSL_FLAG(std::string, chaining, "standard",
-          "standard, or published: windows carry their templates over as the published script does");
-ABSL_FLAG(bool, motion_prior, true, "windows start from where optical flow leads; not with --chaining=published");
-ABSL_FLAG(bool, polish, true, "final positions are moved to where the picture says; not with --chaining=published");
-ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
-ABSL_FLAG(std::string, device, "cpu", "as LibTorch names it: cpu, cuda, cuda:1");
-ABSL_FLAG(int, threads, 0, "threads of one tensor operation; 0: all cores");
-ABSL_FLAG(std::string, split, "test", "of pointodyssey");
-ABSL_FLAG(std::string, pictures, "",
-          "directory with objects/ and backgrounds/ for synthetic clips; empty: procedural textures");
-ABSL_FLAG(holdfast::ImageSize, clip_size, holdfast::EvaluationDataOptions().size, "WIDTHxHEIGHT of synthetic clips");
-ABSL_FLAG(int64_t, frames, 0, "of a clip at most; 0: whole sequences, 24 for synthetic");
-ABSL_FLAG(int64_t, points, 0, "of a clip at most; 0: all, 64 for synthetic");
-ABSL_FLAG(int64_t, count, 0, "sequences at most; 0: all, 20 for synthetic");
-ABSL_FLAG(uint64_t, seed, 1000, "of synthetic clips");
+          "Says what a window takes over from the one before it. standard: positions, as in serving; published: the "
+          "templates too, as the published test script does.");
+ABSL_FLAG(bool, motion_prior, Defaults().methods.engine.motion_prior,
+          "Starts windows from where optical flow leads; without it they start from the last known position. Has no "
+          "effect with --chaining=published.");
+ABSL_FLAG(bool, polish, Defaults().methods.engine.polish,
+          "Moves final positions to where the picture says, by optical flow. Has no effect with --chaining=published.");
+ABSL_FLAG(std::string, precision, "auto",
+          "Computes in float32 or bfloat16; auto: in bfloat16 where the device is faster with it and its results agree "
+          "with those of float32.");
+ABSL_FLAG(std::string, device, Defaults().methods.engine.device,
+          "Runs the network on this device, as LibTorch names it: cpu, cuda, cuda:1.");
+ABSL_FLAG(int, threads, Defaults().methods.engine.compute_threads,
+          "Computes each tensor operation with this many threads; 0: as many as there are cores.");
+
+// On what.
+ABSL_FLAG(std::string, format, Defaults().data.format,
+          "Names the kind of data set: neutral, pointodyssey, tapvid, crohd or synthetic (made up, needs no files).");
+ABSL_FLAG(std::string, data, Defaults().data.dir,
+          "Reads the data set from this directory; with --suite, the one that holds the data sets.");
+ABSL_FLAG(std::string, split, Defaults().data.split, "Names the part of PointOdyssey to evaluate on.");
+ABSL_FLAG(std::string, pictures, Defaults().data.pictures,
+          "Takes the pictures of synthetic clips from this directory's objects/ and backgrounds/. Empty: procedural "
+          "textures.");
+ABSL_FLAG(holdfast::ImageSize, clip_size, Defaults().data.size, "Makes synthetic clips of WIDTHxHEIGHT pixels.");
+ABSL_FLAG(int64_t, frames, Defaults().data.frames,
+          "Takes at most this many frames of a clip. 0: whole sequences, 24 frames of a synthetic clip.");
+ABSL_FLAG(int64_t, points, Defaults().data.points,
+          "Follows at most this many points of a clip. 0: all of them, 64 in a synthetic clip.");
+ABSL_FLAG(int64_t, count, static_cast<int64_t>(Defaults().data.count),
+          "Evaluates at most this many sequences. 0: all of them, 20 synthetic clips.");
+ABSL_FLAG(uint64_t, seed, Defaults().data.seed, "Seeds the synthetic clips: the same seed makes the same clips.");
 
 namespace holdfast {
 namespace {

@@ -16,19 +16,39 @@
 #include "training/data/preview.h"
 #include "training/data/readers/neutral.h"
 #include "training/data/synthetic/synthetic_dataset.h"
+#include "training/data/synthetic/synthetic_options.h"
 
-ABSL_FLAG(int64_t, count, 4, "clips to make");
-ABSL_FLAG(std::string, out, "", "directory for the clips; each is a folder in the neutral format");
-ABSL_FLAG(uint64_t, seed, 0, "clip i is a function of the seed, of i and of the other flags");
-ABSL_FLAG(int64_t, frames, 24, "frames of a clip");
-ABSL_FLAG(int, height, 256, "pixels");
-ABSL_FLAG(int, width, 320, "pixels");
-ABSL_FLAG(int64_t, points, 64, "points of a clip");
-ABSL_FLAG(std::string, pictures, "", "directory with objects/ and backgrounds/; empty: procedural textures");
-ABSL_FLAG(double, motion, 1, "strength of all motion, 0 to 1");
-ABSL_FLAG(bool, photometric, true, "colour drift, noise, blur and compression");
-ABSL_FLAG(bool, preview, true, "also write preview.avi and sheet.png with the points drawn");
-ABSL_FLAG(bool, benchmark, false, "write nothing, print clips a second of one core");
+// A flag that is not given leaves what the options say by themselves.
+namespace holdfast {
+namespace {
+
+const SyntheticOptions& Defaults() {
+  static const auto* const defaults = new SyntheticOptions;  // flags are made before main and may outlive statics
+  return *defaults;
+}
+
+}  // namespace
+}  // namespace holdfast
+
+using holdfast::Defaults;
+
+ABSL_FLAG(int64_t, count, 4, "Makes this many clips.");
+ABSL_FLAG(std::string, out, "",
+          "Writes each clip to a folder of its own in this directory, in the neutral format. It must be given, "
+          "except with --benchmark.");
+ABSL_FLAG(uint64_t, seed, Defaults().seed,
+          "Seeds the clips: clip i is a function of the seed, of i and of the other flags.");
+ABSL_FLAG(int64_t, frames, Defaults().frames, "Makes each clip this many frames long.");
+ABSL_FLAG(int, height, Defaults().height, "Makes frames this many pixels high.");
+ABSL_FLAG(int, width, Defaults().width, "Makes frames this many pixels wide.");
+ABSL_FLAG(int64_t, points, Defaults().points, "Follows this many points in each clip.");
+ABSL_FLAG(std::string, pictures, Defaults().pictures,
+          "Takes pictures from this directory's objects/ and backgrounds/. Empty: procedural textures alone.");
+ABSL_FLAG(double, motion, Defaults().motion_strength,
+          "Scales every motion by this number from 0 (nothing moves) to 1.");
+ABSL_FLAG(bool, photometric, Defaults().photometric, "Adds colour drift, noise, blur and compression to the pictures.");
+ABSL_FLAG(bool, preview, true, "Writes preview.avi and sheet.png beside each clip too, with the points drawn.");
+ABSL_FLAG(bool, benchmark, false, "Writes nothing and prints how many clips one core makes in a second.");
 
 namespace holdfast {
 namespace {
