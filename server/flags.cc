@@ -29,46 +29,71 @@ int64_t Mebi(int64_t bytes) { return bytes / kMebi; }
 using holdfast::Defaults;
 using holdfast::Mebi;
 
-ABSL_FLAG(std::string, listen, Defaults().listen, "host:port of the gRPC service; port 0: a free one");
+ABSL_FLAG(std::string, listen, Defaults().listen,
+          "Serves gRPC on this host:port. Port 0: a free one, which --port_file tells.");
 ABSL_FLAG(std::string, metrics_listen, Defaults().metrics_listen,
-          "host:port of /metrics, /healthz and /readyz over HTTP");
-ABSL_FLAG(std::string, port_file, Defaults().port_file, "file to write the bound ports to, once the server is ready");
+          "Serves /metrics, /healthz and /readyz over HTTP on this host:port. Port 0: a free one.");
+ABSL_FLAG(std::string, port_file, Defaults().port_file,
+          "Writes the bound ports to this file once the server is ready. Empty: to no file.");
 ABSL_FLAG(std::string, weights, "",
-          "safetensors file; empty: the shipped one, beside the program, of its source tree or installed");
-ABSL_FLAG(std::string, device, Defaults().engine.device, "cpu, cuda, cuda:1, ...");
-ABSL_FLAG(std::string, precision, "auto", "auto, float32 or bfloat16");
-ABSL_FLAG(int, compute_threads, Defaults().engine.compute_threads, "threads of one tensor operation; 0: all cores");
+          "Loads the network from this safetensors file. Empty: the shipped one, beside the program, of its source "
+          "tree or installed.");
+ABSL_FLAG(std::string, device, Defaults().engine.device,
+          "Computes on this device, as LibTorch names it: cpu, cuda, cuda:1.");
+ABSL_FLAG(std::string, precision, "auto",
+          "Computes in float32 or bfloat16. auto: bfloat16 where the device computes it faster and a check at start "
+          "finds it right.");
+ABSL_FLAG(
+    int, compute_threads, Defaults().engine.compute_threads,
+    "Gives one tensor operation this many threads; fewer leave cores to decoding and to neighbours. 0: all cores.");
 ABSL_FLAG(int, decode_threads, Defaults().engine.decode_threads,
-          "threads that decode frames; of several one is kept for sessions that use little");
+          "Decodes frames and computes optical flow on this many threads; of several, one is kept for sessions that "
+          "use little.");
 ABSL_FLAG(holdfast::ImageSize, processing_size, Defaults().engine.processing_size,
-          "default WIDTHxHEIGHT that frames are resized to; multiples of 32");
-ABSL_FLAG(int, hop, Defaults().engine.hop_frames, "default number of new frames between windows");
-ABSL_FLAG(int, iterations, Defaults().engine.iterations, "default number of refinement iterations of a window");
-ABSL_FLAG(bool, motion_prior, Defaults().engine.motion_prior, "default: windows start from where optical flow leads");
-ABSL_FLAG(bool, polish, Defaults().engine.polish, "default: final positions are moved to where the picture says");
-ABSL_FLAG(int, max_sessions, Defaults().engine.max_sessions, "sessions at once; further ones are refused");
-ABSL_FLAG(int, max_points, Defaults().engine.limits.max_points, "points of a session");
+          "Resizes frames to WIDTHxHEIGHT, multiples of 32, where a session names no size. Time and memory grow with "
+          "it; small details are lost below the size of the video.");
+ABSL_FLAG(int, hop, Defaults().engine.hop_frames,
+          "Begins a window after this many new frames, where a session names no number. Fewer revise estimates more "
+          "often and cost a window each time.");
+ABSL_FLAG(
+    int, iterations, Defaults().engine.iterations,
+    "Refines the positions of a window this many times, where a session names no number. Each costs the same time.");
+ABSL_FLAG(bool, motion_prior, Defaults().engine.motion_prior,
+          "Starts windows from where optical flow leads, where a session leaves it open. Follows fast motion; costs "
+          "time of a decode thread on every frame.");
+ABSL_FLAG(bool, polish, Defaults().engine.polish,
+          "Moves final positions to where the picture says, where a session leaves it open. Finer; costs time of a "
+          "decode thread on every frame.");
+ABSL_FLAG(int, max_sessions, Defaults().engine.max_sessions, "Refuses further sessions while this many are open.");
+ABSL_FLAG(int, max_points, Defaults().engine.limits.max_points, "Refuses more points than this in one session.");
 ABSL_FLAG(int, max_frame_mib, static_cast<int>(Mebi(Defaults().engine.limits.max_frame_bytes)),
-          "size of one encoded frame, MiB");
+          "Refuses encoded frames of more than this many MiB.");
 ABSL_FLAG(double, max_frame_megapixels, Defaults().engine.limits.max_frame_pixels / holdfast::kMega,
-          "size of one decoded frame, millions of pixels");
-ABSL_FLAG(int64_t, max_session_frames, Defaults().engine.limits.max_frames, "frames of a session; 0: endless");
-ABSL_FLAG(int64_t, cache_mib, Mebi(Defaults().engine.cache_budget_bytes),
-          "memory for the features and pictures of all sessions, MiB");
-ABSL_FLAG(int, max_batch_rows, Defaults().engine.max_batch_rows, "rows (point windows) refined in one batch");
+          "Refuses frames of more than this many million pixels.");
+ABSL_FLAG(int64_t, max_session_frames, Defaults().engine.limits.max_frames,
+          "Ends a session after this many frames. 0: never.");
+ABSL_FLAG(
+    int64_t, cache_mib, Mebi(Defaults().engine.cache_budget_bytes),
+    "Keeps the features and pictures of all sessions within this many MiB; a session that might need more is refused.");
+ABSL_FLAG(int, max_batch_rows, Defaults().engine.max_batch_rows,
+          "Refines at most this many rows (windows of a point) in one batch. More is more throughput and a longer wait "
+          "for the others.");
 ABSL_FLAG(int, max_pending_frames, Defaults().engine.max_pending_frames,
-          "frames of a session that may wait to be encoded");
+          "Lets this many frames of a session wait to be encoded; then the server stops reading its stream.");
 ABSL_FLAG(absl::Duration, first_message_timeout, Defaults().first_message_timeout,
-          "from the start of a stream to its config");
+          "Ends a stream whose configuration has not come after this time.");
 ABSL_FLAG(absl::Duration, idle_timeout, Defaults().idle_timeout,
-          "ends a stream whose client neither sends nor reads; inf: never");
+          "Ends a stream whose client has neither sent nor read for this time. inf: never.");
 ABSL_FLAG(absl::Duration, grace_period, Defaults().grace_period,
-          "at shutdown, for running sessions to finish by themselves");
-ABSL_FLAG(absl::Duration, keepalive_time, Defaults().keepalive_time, "between pings to a silent client; inf: none");
+          "Leaves running sessions this much time to finish by themselves at shutdown.");
+ABSL_FLAG(absl::Duration, keepalive_time, Defaults().keepalive_time,
+          "Pings a client that has been silent for this time, and drops it when it does not answer. inf: never.");
 ABSL_FLAG(absl::Duration, max_connection_age, Defaults().max_connection_age,
-          "a connection takes no new streams after this; inf: for ever");
-ABSL_FLAG(std::string, log_format, "text", "text or json");
-ABSL_FLAG(std::string, log_level, Defaults().log_level, "trace, debug, info, warning, error, critical or off");
+          "Takes no new streams on a connection that is older than this, so that clients spread over new servers. inf: "
+          "always.");
+ABSL_FLAG(std::string, log_format, "text", "Writes log lines as text or json.");
+ABSL_FLAG(std::string, log_level, Defaults().log_level,
+          "Logs what is at least this grave: trace, debug, info, warning, error, critical or off.");
 
 namespace holdfast {
 namespace {

@@ -11,31 +11,33 @@
 #include "client/cli/track_command.h"
 #include "client/remote_tracker.h"
 
-ABSL_FLAG(std::string, server, "localhost:50051", "host:port of the tracking server");
+ABSL_FLAG(std::string, server, "localhost:50051", "Connects to the tracking server at this host:port.");
 ABSL_FLAG(absl::Duration, connect_timeout, holdfast::RemoteTracker::Options().connect_timeout,
-          "how long to wait for the connection to stand");
-ABSL_FLAG(std::string, points, "", "file of points: .csv with lines id,x,y[,frame], or .json with [{id, x, y, frame}]");
-ABSL_FLAG(int, grid, 0, "track about this many points spread over the frame, or this many on --mask");
-ABSL_FLAG(std::string, mask, "", "picture of the frame's size; points are spread over its nonzero pixels");
-ABSL_FLAG(int64_t, query_frame, 0, "frame at which the points of --grid and --mask start");
-ABSL_FLAG(std::string, out, "", "file for the tracks: .json, .csv or .npz");
-ABSL_FLAG(std::string, overlay, "", "video with the tracks drawn on it: .mp4");
-ABSL_FLAG(std::string, still, "", "one picture of the overlay: .png or .jpg");
+          "Gives up when the connection does not stand after this time.");
+ABSL_FLAG(std::string, points, "",
+          "Tracks the points of this file: .csv with lines id,x,y[,frame], or .json with [{id, x, y, frame}].");
+ABSL_FLAG(int, grid, 0, "Tracks about this many points spread over the frame, or this many on --mask.");
+ABSL_FLAG(std::string, mask, "", "Spreads points over the nonzero pixels of this picture, which has the frame's size.");
+ABSL_FLAG(int64_t, query_frame, 0, "Starts the points of --grid and --mask at this frame.");
+ABSL_FLAG(std::string, out, "", "Writes the tracks to this file: .json, .csv or .npz.");
+ABSL_FLAG(std::string, overlay, "", "Writes a video with the tracks drawn on it to this file: .mp4.");
+ABSL_FLAG(std::string, still, "", "Writes one picture of the overlay to this file: .png or .jpg.");
 ABSL_FLAG(int64_t, still_frame, holdfast::OverlayVideo::Options().still_frame,
-          "frame that --still shows; -1: the last one");
-ABSL_FLAG(int, trail_frames, holdfast::OverlayVideo::Options().trail_frames,
-          "length of the trails that are drawn, in frames");
-ABSL_FLAG(int64_t, max_frames, 0, "stop after so many frames; 0: at the end of the video");
-ABSL_FLAG(int, max_side, 0, "longest side of the frames that are sent, in pixels; 0: as they are");
+          "Shows this frame in --still. -1: the last one.");
+ABSL_FLAG(int, trail_frames, holdfast::OverlayVideo::Options().trail_frames, "Draws trails of this many frames.");
+ABSL_FLAG(int64_t, max_frames, 0, "Stops after this many frames. 0: at the end of the video.");
+ABSL_FLAG(int, max_side, 0,
+          "Shrinks frames before they are sent, so that their longest side has this many pixels: less to send, less "
+          "detail. 0: sends them as they are.");
 ABSL_FLAG(int, jpeg_quality, holdfast::TrackOptions().jpeg_quality,
-          "quality of the JPEG pictures that are sent, 1 to 100; higher costs bandwidth");
+          "Sends frames as JPEG of this quality, 1 to 100. Higher takes more bandwidth and keeps more detail.");
 ABSL_FLAG(holdfast::ImageSize, processing_size, {},
-          "WIDTHxHEIGHT the server tracks at, multiples of 32; empty: its default");
-ABSL_FLAG(int, hop, 0, "new frames between windows; 0: the server's default");
-ABSL_FLAG(int, iterations, 0, "refinement iterations of a window; 0: the server's default");
+          "Asks the server to track at WIDTHxHEIGHT, multiples of 32. Empty: at its default.");
+ABSL_FLAG(int, hop, 0, "Asks for a window after this many new frames. 0: the server's default.");
+ABSL_FLAG(int, iterations, 0, "Asks for this many refinement iterations of a window. 0: the server's default.");
 ABSL_FLAG(bool, live, false,
-          "have every frame answered at once with what optical flow says, and show that in --overlay and --still");
-ABSL_FLAG(bool, json, false, "print the server's answer as JSON");
+          "Has every frame answered at once with what optical flow says, and shows that in --overlay and --still.");
+ABSL_FLAG(bool, json, false, "Prints the server's answer as JSON.");
 
 namespace holdfast {
 namespace {
