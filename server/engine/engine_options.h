@@ -35,7 +35,8 @@ struct EngineOptions {
   // Default of sessions: new frames between two windows. Smaller revises estimates more often and costs a window each
   // time; larger is cheaper and answers later.
   int hop_frames = 8;
-  // Default of sessions: refinement iterations of a window. Each costs the same and moves estimates less than the one before.
+  // Default of sessions: refinement iterations of a window. Each costs the same and moves estimates less than the one
+  // before.
   int iterations = 4;
   Chaining chaining = Chaining::kStandard;
   // Default of sessions: windows start from where optical flow leads, which follows faster motion and costs a few
