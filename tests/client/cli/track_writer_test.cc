@@ -11,8 +11,6 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "io/atomic_file.h"
-#include "io/npz_writer.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -20,7 +18,6 @@ namespace holdfast {
 namespace {
 
 using ::testing::HasSubstr;
-using ::testing::StartsWith;
 
 // Two points on three frames: the first with a provisional end, the second from frame 1 on and once hidden.
 TrackTable Example() {
@@ -143,44 +140,6 @@ TEST(TrackWriterTest, ATableWithoutFramesIsWrittenToo) {
   for (const char* name : {"t.json", "t.csv", "t.npz"})
     EXPECT_THAT(WriteTracks(dir.File(name), table, kVideo, Complete(0)), IsOk());
   EXPECT_THAT(ZipMember(dir.File("t.npz"), "tracks.npy"), HasSubstr("(1, 0, 2)"));
-}
-
-TEST(NpyFileTest, DataBeginsAtAMultipleOf64) {
-  for (int64_t n : {1, 10, 1000000}) {
-    const std::string file = NpyFile("<f4", {n, n, n, n, n}, "data");
-    EXPECT_THAT(file, StartsWith("\x93NUMPY\x01"));
-    EXPECT_EQ((file.size() - 4) % 64, 0u);
-    EXPECT_EQ(file[file.size() - 5], '\n');
-  }
-}
-
-TEST(WriteAtomicallyTest, AFailureLeavesTheOldFileAndNoLitter) {
-  const TempDir dir;
-  const std::string path = dir.File("result.txt");
-  std::ofstream(path) << "old";
-  const absl::Status failed = WriteAtomically(path, [](const std::string& temporary) {
-    std::ofstream(temporary) << "half";
-    return absl::DataLossError("the disk is full");
-  });
-  EXPECT_THAT(failed, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("result.txt: the disk is full")));
-  EXPECT_EQ(Content(path), "old");
-  EXPECT_EQ(dir.Count(), 1u);
-}
-
-TEST(WriteAtomicallyTest, TheTemporaryFileKeepsTheSuffixAndTheDirectory) {
-  EXPECT_THAT(TemporaryName("/a/b.npz"), StartsWith("/a/.b."));
-  EXPECT_THAT(TemporaryName("/a/b.npz"), ::testing::EndsWith(".npz"));
-}
-
-TEST(CheckWritableTest, WhereNoFileCanBeMadeIsNamed) {
-  const TempDir dir;
-  EXPECT_THAT(CheckWritable(dir.File("a.json")), IsOk());
-  EXPECT_EQ(dir.Count(), 0u) << "what was tried is gone";
-  // Not even root makes files there.
-  EXPECT_THAT(CheckWritable("/proc/a.json"), StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("/proc/a.json")));
-  EXPECT_THAT(CheckWritable("a.json"), IsOk());
-  EXPECT_THAT(CheckWritable(dir.File("no/a.json")), StatusIs(absl::StatusCode::kNotFound, HasSubstr("/no")));
-  EXPECT_FALSE(CheckWritable(dir.path().string()).ok());
 }
 
 }  // namespace

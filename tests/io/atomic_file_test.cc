@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "io/atomic_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+
+namespace holdfast {
+namespace {
+
+namespace fs = std::filesystem;
+
+using ::testing::HasSubstr;
+
+std::string Content(std::ifstream file) {
+  std::stringstream out;
+  out << file.rdbuf();
+  return out.str();
+}
+
+std::function<absl::Status(const std::string&)> Text(const std::string& text) {
+  return [text](const std::string& temporary) {
+    std::ofstream(temporary) << text;
+    return absl::OkStatus();
+  };
+}
+
+// Restores the process's umask.
+class ScopedUmask {
+ public:
+  explicit ScopedUmask(mode_t mask) : old_(::umask(mask)) {}
+  ~ScopedUmask() { ::umask(old_); }
+
+ private:
+  const mode_t old_;
+};
+
+TEST(WriteAtomicallyTest, TheFileHasItsNameOnlyWhenItIsWhole) {
+  const TempDir dir;
+  const std::string path = dir.File("result.npz");
+  const absl::Status written = WriteAtomically(path, [&](const std::string& temporary) {
+    EXPECT_EQ(fs::path(temporary).parent_path(), dir.path()) << "a name is only taken over within a file system";
+    EXPECT_EQ(fs::path(temporary).extension(), ".npz") << "libraries choose the format by it";
+    std::ofstream(temporary) << "whole";
+    EXPECT_FALSE(fs::exists(path));
+    return absl::OkStatus();
+  });
+  ASSERT_THAT(written, IsOk());
+  EXPECT_EQ(Content(std::ifstream(path)), "whole");
+  EXPECT_EQ(dir.Count(), 1u);
+}
+
+TEST(WriteAtomicallyTest, WhoReadsTheOldFileKeepsIt) {
+  const TempDir dir;
+  const std::string path = dir.File("result.txt");
+  ASSERT_THAT(WriteAtomically(path, Text("the old one")), IsOk());
+  std::ifstream reader(path);
+  ASSERT_THAT(WriteAtomically(path, Text("new")), IsOk());
+  EXPECT_EQ(Content(std::move(reader)), "the old one");
+  EXPECT_EQ(Content(std::ifstream(path)), "new");
+}
+
+TEST(WriteAtomicallyTest, AFailedWriteLeavesTheOldFileAndNothingBesides) {
+  const TempDir dir;
+  for (const bool there_is_an_old_one : {false, true}) {
+    const std::string path = dir.File("result.txt");
+    if (there_is_an_old_one) std::ofstream(path) << "old";
+    const absl::Status failed = WriteAtomically(path, [](const std::string& temporary) {
+      std::ofstream(temporary) << "half";
+      return absl::DataLossError("the disk is full");
+    });
+    EXPECT_THAT(failed, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("result.txt: the disk is full")));
+    EXPECT_EQ(dir.Count(), there_is_an_old_one ? 1u : 0u);
+    EXPECT_EQ(Content(std::ifstream(path)), there_is_an_old_one ? "old" : "");
+  }
+}
+
+TEST(WriteAtomicallyTest, AWriterThatMadeNoFileIsAnError) {
+  const TempDir dir;
+  const std::string path = dir.File("result.txt");
+  const absl::Status failed = WriteAtomically(path, [](const std::string&) { return absl::OkStatus(); });
+  EXPECT_FALSE(failed.ok());
+  EXPECT_THAT(failed.message(), HasSubstr(path));
+  EXPECT_EQ(dir.Count(), 0u);
+}
+
+TEST(WriteAtomicallyTest, ANameThatIsTakenByADirectoryLeavesNothingBeside) {
+  const TempDir dir;
+  const std::string path = dir.File("result.txt");
+  fs::create_directory(path);
+  const absl::Status failed = WriteAtomically(path, Text("new"));
+  EXPECT_FALSE(failed.ok());
+  EXPECT_THAT(failed.message(), HasSubstr(path));
+  EXPECT_TRUE(fs::is_directory(path));
+  EXPECT_EQ(dir.Count(), 1u);
+}
+
+TEST(WriteAtomicallyTest, TheUmaskDecidesWhoMayReadTheFile) {
+  const TempDir dir;
+  const ScopedUmask umask(027);
+  ASSERT_THAT(WriteAtomically(dir.File("result.txt"), Text("new")), IsOk());
+  EXPECT_EQ(fs::status(dir.File("result.txt")).permissions(), static_cast<fs::perms>(0640));
+}
+
+TEST(WriteAtomicallyTest, FilesOfADirectoryAreWrittenAtTheSameTime) {
+  const TempDir dir;
+  const absl::Status written = WriteAtomically(dir.File("a.txt"), [&](const std::string& temporary) {
+    std::ofstream(temporary) << "a";
+    return WriteAtomically(dir.File("b.txt"), Text("b"));
+  });
+  ASSERT_THAT(written, IsOk());
+  EXPECT_EQ(Content(std::ifstream(dir.File("a.txt"))), "a");
+  EXPECT_EQ(Content(std::ifstream(dir.File("b.txt"))), "b");
+}
+
+TEST(CheckWritableTest, AFileThatIsThereIsNotTouched) {
+  const TempDir dir;
+  std::ofstream(dir.File("a.json")) << "old";
+  EXPECT_THAT(CheckWritable(dir.File("a.json")), IsOk());
+  EXPECT_EQ(Content(std::ifstream(dir.File("a.json"))), "old");
+  EXPECT_EQ(dir.Count(), 1u) << "what was tried is gone";
+}
+
+TEST(CheckWritableTest, AFileThatIsNotThereIsNotMade) {
+  const TempDir dir;
+  EXPECT_THAT(CheckWritable(dir.File("a.json")), IsOk());
+  EXPECT_EQ(dir.Count(), 0u);
+  EXPECT_THAT(CheckWritable("a.json"), IsOk()) << "the working directory needs no name";
+}
+
+TEST(CheckWritableTest, WhereNoFileCanBeMadeIsNamed) {
+  const TempDir dir;
+  const absl::Status nobody = CheckWritable("/proc/a.json");  // not even root makes files there
+  EXPECT_FALSE(nobody.ok());
+  EXPECT_THAT(nobody.message(), HasSubstr("/proc/a.json"));
+  EXPECT_THAT(CheckWritable(dir.File("no/a.json")), StatusIs(absl::StatusCode::kNotFound, HasSubstr("/no")));
+  EXPECT_THAT(CheckWritable(dir.path().string()),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(dir.path().string())));
+}
+
+}  // namespace
+}  // namespace holdfast
