@@ -67,6 +67,10 @@ absl::StatusOr<Json> ParseBoundedJson(absl::string_view text, const JsonLimits& 
   if (text.size() > limits.max_bytes) {
     return absl::InvalidArgumentError(absl::StrCat("JSON of ", text.size(), " bytes; at most ", limits.max_bytes));
   }
+  // The library takes a zero byte for the end of the text, whatever follows it.
+  if (const size_t zero = text.find('\0'); zero != absl::string_view::npos) {
+    return absl::InvalidArgumentError(absl::StrCat("JSON: syntax error at byte ", zero + 1));
+  }
   LimitCheck check(limits.max_depth);
   if (!Json::sax_parse(text.begin(), text.end(), &check)) {
     return absl::InvalidArgumentError(absl::StrCat("JSON: ", check.problem()));

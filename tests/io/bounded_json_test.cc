@@ -77,6 +77,13 @@ TEST(BoundedJsonTest, WhatIsNotJsonIsRefused) {
   }
 }
 
+TEST(BoundedJsonTest, AZeroByteDoesNotHideWhatFollows) {
+  for (const char* after : {"", "]", "{\"b\": 2}"}) {
+    const std::string text = "{\"a\": 1}" + std::string(1, '\0') + after;
+    EXPECT_THAT(ParseBoundedJson(text, {}), StatusIs(kInvalid, HasSubstr("syntax error at byte 9"))) << after;
+  }
+}
+
 TEST(BoundedJsonTest, TextThatIsCutAnywhereIsRefused) {
   const std::string whole = R"({"a": [1, {"b": "c\n"}], "d": true})";
   ASSERT_THAT(ParseBoundedJson(whole, {}), IsOk());
