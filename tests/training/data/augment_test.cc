@@ -6,26 +6,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <opencv2/imgproc.hpp>
 
 #include "tests/support/status_matchers.h"
 #include "tests/training/data/moving_texture.h"
-#include "training/data/decorators.h"
 
 namespace holdfast {
 namespace {
-
-// 6 frames of 64 x 48 that slide right by 2; masks: 1 left, 2 right of column 30.
-Sample Clip() {
-  Sample clip = MovingTexture(6, {64, 48}, {2, 0}, {{10, 10}, {20, 30}, {40, 20}, {60, 40}});
-  for (int64_t s = 0; s < 6; ++s) {
-    cv::Mat mask(48, 64, CV_32SC1, cv::Scalar(1));
-    mask.colRange(30, 64).setTo(2);
-    clip.masks.push_back(mask);
-  }
-  return clip;
-}
 
 cv::Vec3d ColourAt(const Sample& clip, int64_t s, cv::Point2f at) {
   cv::Mat patch;
@@ -48,8 +35,8 @@ double WorstColour(const Sample& clip) {
 }
 
 TEST(AugmentTest, ReversedTimeReversesEverything) {
-  const Sample before = Clip();
-  Sample clip = Clip();
+  const Sample before = TwoObjectClip();
+  Sample clip = TwoObjectClip();
   ReverseTime(clip);
   EXPECT_EQ(clip.Position(0, 1), before.Position(5, 1));
   EXPECT_EQ(clip.Visible(0, 3), before.Visible(5, 3));
@@ -60,7 +47,7 @@ TEST(AugmentTest, ReversedTimeReversesEverything) {
 }
 
 TEST(AugmentTest, FlipsAndTranspositionMoveThePointsWithThePixels) {
-  Sample clip = Clip();
+  Sample clip = TwoObjectClip();
   FlipHorizontally(clip);
   EXPECT_EQ(clip.Position(0, 0), cv::Point2f(53, 10));
   EXPECT_EQ(clip.IdAt(0, clip.Position(0, 0)), 1);
@@ -75,7 +62,7 @@ TEST(AugmentTest, FlipsAndTranspositionMoveThePointsWithThePixels) {
 }
 
 TEST(AugmentTest, AWindowOfAScaledFrameHasItsPointsAtPixelCentres) {
-  Sample clip = Clip();
+  Sample clip = TwoObjectClip();
   const std::vector<cv::Size> scaled(6, cv::Size(128, 96));
   ScaleAndCrop(scaled, std::vector<cv::Point>(6, {5, -4}), {40, 32}, clip);
   EXPECT_EQ(clip.size(), (ImageSize{40, 32}));
@@ -90,8 +77,8 @@ TEST(AugmentTest, AWindowOfAScaledFrameHasItsPointsAtPixelCentres) {
 TEST(AugmentTest, ErasersHideWhatLiesBeneathAndChangeOverTime) {
   int64_t hidden = 0, changes = 0;
   for (uint64_t seed = 0; seed < 30; ++seed) {
-    const Sample before = Clip();
-    Sample clip = Clip();
+    const Sample before = TwoObjectClip();
+    Sample clip = TwoObjectClip();
     Rng rng(seed);
     EraseRectangles(rng, clip);
     EXPECT_THAT(clip.Validate(), IsOk());
@@ -144,7 +131,7 @@ TEST(AugmentTest, TheSameSeedGivesTheSameClip) {
   AugmentOptions options;
   options.size = {56, 40};
   const Augmenter augmenter(options);
-  Sample a = Clip(), b = Clip();
+  Sample a = TwoObjectClip(), b = TwoObjectClip();
   Rng first(4), second(4);
   augmenter.Apply(first, a);
   augmenter.Apply(second, b);
@@ -164,76 +151,6 @@ TEST(AugmentTest, OptionsOutsideTheirRangesAreRefused) {
   options = AugmentOptions();
   options.size = {0, 8};
   EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument));
-}
-
-// The clip above under different names.
-class Clips : public Dataset {
- public:
-  explicit Clips(size_t size) : size_(size) {}
-  size_t size() const override { return size_; }
-  absl::StatusOr<Sample> Get(size_t index, Rng&) const override {
-    Sample clip = Clip();
-    clip.source = std::to_string(index);
-    return clip;
-  }
-
- private:
-  const size_t size_;
-};
-
-TEST(DecoratorsTest, EveryEpochIsAPermutationOfItsOwn) {
-  for (const size_t count : {1, 2, 5, 64, 100}) {
-    const ShuffledDataset shuffled(std::make_unique<Clips>(count), 3);
-    std::vector<std::vector<size_t>> epochs(3);
-    Rng rng(1);
-    for (size_t i = 0; i < 3 * count; ++i) epochs[i / count].push_back(std::stoul(shuffled.Get(i, rng)->source));
-    if (count >= 64) {
-      EXPECT_NE(epochs[0], epochs[1]);
-    }
-    for (std::vector<size_t>& epoch : epochs) {
-      if (count >= 64) {
-        EXPECT_FALSE(std::is_sorted(epoch.begin(), epoch.end()));
-      }
-      std::sort(epoch.begin(), epoch.end());
-      std::vector<size_t> all(count);
-      std::iota(all.begin(), all.end(), 0);
-      EXPECT_EQ(epoch, all);
-    }
-  }
-}
-
-TEST(DecoratorsTest, SelectionKeepsGoodTracksAndPadsTheRest) {
-  const SelectedDataset selected(std::make_unique<Clips>(1), 5, 2);
-  Rng rng(1);
-  const absl::StatusOr<Sample> clip = selected.Get(0, rng);
-  ASSERT_THAT(clip, IsOk());
-  EXPECT_THAT(clip->Validate(), IsOk());
-  ASSERT_EQ(clip->num_points(), 5);
-  EXPECT_EQ(clip->object_ids[0], 1);
-  for (int64_t s = 0; s < 6; ++s) EXPECT_FALSE(clip->Valid(s, 4)) << "padding; the point that leaves at once is gone";
-  const SelectedDataset demanding(std::make_unique<Clips>(1), 5, 5);
-  EXPECT_THAT(demanding.Get(0, rng), StatusIs(absl::StatusCode::kFailedPrecondition));
-}
-
-TEST(DecoratorsTest, TrainingStreamsGiveSamplesThatStack) {
-  AugmentOptions options;
-  options.size = {56, 40};
-  options.eraser_share = 0;
-  options.drift_share = 0;
-  for (const bool augmented : {false, true}) {
-    const auto stream = TrainingStream(std::make_unique<Clips>(3), options, augmented, 4, 1);
-    int64_t given = 0;
-    for (size_t i = 0; i < 20; ++i) {
-      Rng rng(i);
-      const absl::StatusOr<Sample> clip = stream->Get(i, rng);
-      if (!clip.ok()) continue;
-      ++given;
-      EXPECT_EQ(clip->num_points(), 4);
-      EXPECT_EQ(clip->size(), options.size);
-      EXPECT_THAT(clip->Validate(), IsOk());
-    }
-    EXPECT_GT(given, 10);
-  }
 }
 
 }  // namespace

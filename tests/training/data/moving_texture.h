@@ -43,6 +43,17 @@ inline Sample MovingTexture(int64_t frames, ImageSize size, cv::Point2f step, co
   return sample;
 }
 
+// 6 frames of 64 x 48 that slide right by 2; masks: 1 left, 2 right of column 30. The last of the 4 points leaves.
+inline Sample TwoObjectClip() {
+  Sample clip = MovingTexture(6, {64, 48}, {2, 0}, {{10, 10}, {20, 30}, {40, 20}, {60, 40}});
+  for (int64_t s = 0; s < 6; ++s) {
+    cv::Mat mask(48, 64, CV_32SC1, cv::Scalar(1));
+    mask.colRange(30, 64).setTo(2);
+    clip.masks.push_back(mask);
+  }
+  return clip;
+}
+
 // A data set of samples, or of the errors that stand in their place.
 class ListDataset final : public Dataset {
  public:

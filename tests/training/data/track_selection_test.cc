@@ -112,27 +112,5 @@ TEST(TrackSelectionTest, PaddingIsNowhereValidAndLeavesTheRestAlone) {
   EXPECT_THAT(sample.valid, ElementsAre(1, 1, 0, 0, 1, 1, 0, 0));
 }
 
-TEST(SampleTest, IdsAreThoseUnderTheNearestPixelAndZeroOutside) {
-  Sample sample = Tracks({{{1, 2}}});
-  sample.masks = {cv::Mat(50, 100, CV_32SC1, cv::Scalar(3))};
-  sample.masks[0].at<int32_t>(7, 9) = 8;
-  EXPECT_EQ(sample.IdAt(0, {9.4f, 6.6f}), 8);
-  EXPECT_EQ(sample.IdAt(0, {9.6f, 6.6f}), 3);
-  EXPECT_EQ(sample.IdAt(0, {-0.6f, 6}), 0);
-  EXPECT_EQ(sample.IdAt(0, {99.6f, 6}), 0);
-  EXPECT_EQ(sample.IdAt(0, {1e30f, 6}), 0);
-}
-
-TEST(SampleTest, BrokenPromisesAreFound) {
-  std::vector<Sample> broken(5, Tracks({{{1, 2}, {3, 4}}}));
-  EXPECT_THAT(broken[0].Validate(), IsOk());
-  broken[0].tracks.pop_back();
-  broken[1].tracks[0] = std::nanf("");
-  broken[2].valid[0] = 0;
-  broken[3].SetPosition(0, 0, {-1, 2});
-  broken[4].frames[1] = cv::Mat(50, 99, CV_8UC3);
-  for (const Sample& sample : broken) EXPECT_THAT(sample.Validate(), StatusIs(absl::StatusCode::kInternal));
-}
-
 }  // namespace
 }  // namespace holdfast
