@@ -7,7 +7,8 @@
 #include <fstream>
 #include <iterator>
 
-#include "tests/support/npz_writer.h"
+#include "io/npz_writer.h"
+#include "tests/support/npy_bytes.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "training/data/rng.h"
@@ -32,7 +33,7 @@ class NpzTest : public ::testing::Test {
  protected:
   std::string Write(const std::vector<std::pair<std::string, std::string>>& arrays) {
     const std::string path = directory_.File("a.npz");
-    WriteNpz(path, arrays);
+    EXPECT_THAT(WriteNpz(path, arrays), IsOk());
     return path;
   }
   TempDir directory_;

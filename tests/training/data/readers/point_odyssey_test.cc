@@ -12,7 +12,8 @@
 #include <vector>
 
 #include "absl/strings/str_format.h"
-#include "tests/support/npz_writer.h"
+#include "io/npz_writer.h"
+#include "tests/support/npy_bytes.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "training/data/image_files.h"
@@ -53,9 +54,11 @@ class PointOdysseyTest : public ::testing::Test {
   // The published layout.
   void WriteSequence(const std::string& name, const Annotations& a, bool masks = true) {
     WritePictures(name, masks);
-    WriteNpz((Sequence(name) / "anno.npz").string(), {{"trajs_2d", NpyBytes("<f4", {kFrames, kPoints, 2}, a.xy)},
-                                                      {"visibs", NpyBytes("|b1", {kFrames, kPoints}, a.visible)},
-                                                      {"valids", NpyBytes("|b1", {kFrames, kPoints}, a.valid)}});
+    EXPECT_THAT(
+        WriteNpz((Sequence(name) / "anno.npz").string(), {{"trajs_2d", NpyBytes("<f4", {kFrames, kPoints, 2}, a.xy)},
+                                                          {"visibs", NpyBytes("|b1", {kFrames, kPoints}, a.visible)},
+                                                          {"valids", NpyBytes("|b1", {kFrames, kPoints}, a.valid)}}),
+        IsOk());
   }
 
   // Left half of the masks is object 50, right half object 200; the frames tell their number by their grey.
@@ -112,9 +115,10 @@ TEST_F(PointOdysseyTest, ReadsTheOlderLayout) {
   flags[Annotations::At(2, 1)] = 0;  // hidden
   flags[Annotations::At(2, 2)] = 2;  // invalid
   const std::vector<double> xy(a.xy.begin(), a.xy.end());
-  WriteNpz((Sequence("old") / "annotations.npz").string(),
-           {{"trajs_2d", NpyBytes("<f8", {kFrames, kPoints, 2}, xy)},
-            {"visibilities", NpyBytes("<f8", {kFrames, kPoints}, flags)}});
+  EXPECT_THAT(WriteNpz((Sequence("old") / "annotations.npz").string(),
+                       {{"trajs_2d", NpyBytes("<f8", {kFrames, kPoints, 2}, xy)},
+                        {"visibilities", NpyBytes("<f8", {kFrames, kPoints}, flags)}}),
+              IsOk());
   const absl::StatusOr<Sample> clip = Get(Options(), 0);
   ASSERT_THAT(clip, IsOk());
   EXPECT_TRUE(clip->Valid(2, 1) && !clip->Visible(2, 1));
@@ -212,9 +216,10 @@ TEST_F(PointOdysseyTest, DamagedSequencesAreSkippedAndCountedWhileTrainingGoesOn
   fs::resize_file(Sequence("no_npz") / "anno.npz", 100);
   std::ofstream(Sequence("text") / "anno.npz") << "not an archive";
   const Annotations a;
-  WriteNpz((Sequence("shape") / "anno.npz").string(),
-           {{"trajs_2d", NpyBytes("<f4", {kFrames, kPoints, 2}, a.xy)},
-            {"visibs", NpyBytes<uint8_t>("|b1", {kFrames, 3}, std::vector<uint8_t>(kFrames * 3))}});
+  EXPECT_THAT(WriteNpz((Sequence("shape") / "anno.npz").string(),
+                       {{"trajs_2d", NpyBytes("<f4", {kFrames, kPoints, 2}, a.xy)},
+                        {"visibs", NpyBytes<uint8_t>("|b1", {kFrames, 3}, std::vector<uint8_t>(kFrames * 3))}}),
+              IsOk());
   for (int t = 0; t < kFrames; ++t)
     std::ofstream(Sequence("half_frame") / "rgbs" / absl::StrFormat("rgb_%05d.jpg", t)) << "half";
   fs::rename(Sequence("no_frame") / "rgbs" / "rgb_00002.jpg", Sequence("no_frame") / "rgbs" / "else.jpg");

@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes .npy and .npz files as NumPy does, for tests of their readers.
+// Makes .npy files as NumPy does, for tests of their readers.
 #pragma once
-
-#include <gtest/gtest.h>
-#include <zip.h>
 
 #include <cstdint>
 #include <string>
-#include <utility>
 #include <vector>
 
 namespace holdfast {
@@ -34,18 +30,6 @@ template <typename T>
 std::string NpyBytes(const std::string& type, const std::vector<int64_t>& shape, const std::vector<T>& values) {
   std::string bytes = NpyHeaderBytes(NpyDictionary(type, shape));
   return bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
-}
-
-// An archive as numpy.savez_compressed makes it: deflated entries "<name>.npy".
-inline void WriteNpz(const std::string& path, const std::vector<std::pair<std::string, std::string>>& arrays) {
-  int error = 0;
-  zip_t* archive = zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &error);
-  ASSERT_NE(archive, nullptr);
-  for (const auto& [name, bytes] : arrays) {
-    zip_source_t* source = zip_source_buffer(archive, bytes.data(), bytes.size(), 0);
-    ASSERT_GE(zip_file_add(archive, (name + ".npy").c_str(), source, ZIP_FL_ENC_UTF_8), 0);
-  }
-  ASSERT_EQ(zip_close(archive), 0);
 }
 
 }  // namespace holdfast
