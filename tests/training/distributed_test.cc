@@ -138,27 +138,5 @@ TEST(ProcessGroupTest, GradientsOfTwoProcessesEqualThoseOfOneWithTheWholeBatch) 
   });
 }
 
-TEST(GradientTest, ClippingShortensAndKeepsTheDirection) {
-  torch::Tensor gradient = torch::tensor({3.0f, 4.0f});
-  EXPECT_DOUBLE_EQ(ClipGradient(gradient, 1), 5);
-  EXPECT_TRUE(torch::allclose(gradient, torch::tensor({0.6f, 0.8f})));
-  EXPECT_NEAR(ClipGradient(gradient, 2), 1, 1e-6);
-  EXPECT_TRUE(torch::allclose(gradient, torch::tensor({0.6f, 0.8f})));
-}
-
-TEST(GradientTest, ParametersWithoutAGradientTakeNoPart) {
-  const auto group = ProcessGroup::Join({}, torch::kCPU);
-  torch::Tensor a = torch::zeros({2}, torch::requires_grad()), b = torch::zeros({3}, torch::requires_grad());
-  (a * torch::tensor({1.0f, 2.0f})).sum().backward();
-  std::vector<double> extra = {7, 8};
-  const auto gradient = SumGradients({b, a}, 0.5, **group, extra);
-  ASSERT_THAT(gradient, IsOk());
-  EXPECT_TRUE(torch::equal(*gradient, torch::tensor({0.5f, 1.0f})));
-  EXPECT_FALSE(b.grad().defined());
-  gradient->mul_(2);
-  EXPECT_TRUE(torch::equal(a.grad(), torch::tensor({1.0f, 2.0f}))) << "a view of the whole";
-  EXPECT_EQ(extra, (std::vector<double>{7, 8}));
-}
-
 }  // namespace
 }  // namespace holdfast
