@@ -5,6 +5,10 @@
 #include <torch/torch.h>
 
 #include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <utility>
+#include <vector>
 
 #include "model/contextual_attention.h"
 #include "tests/support/gradient_check.h"
@@ -24,59 +28,68 @@ Maps RandomMaps(int64_t height, int64_t width, int64_t channels = 12) {
   return {torch::randn({2, height, width, channels}) * 2, torch::randn({2, height, width, channels})};
 }
 
-// Token by token, from the definition.
-torch::Tensor TokenByToken(const Maps& maps, const AttentionShape& shape) {
-  const int64_t m = shape.patch;
-  const int64_t depth = maps.query.size(3) / shape.heads;
-  torch::Tensor out = torch::zeros_like(maps.query);
-  for (int64_t y = 0; y < maps.query.size(1); ++y) {
-    for (int64_t x = 0; x < maps.query.size(2); ++x) {
-      const int64_t top = std::max<int64_t>(0, (y / m - 1) * m);
-      const int64_t left = std::max<int64_t>(0, (x / m - 1) * m);
-      const int64_t bottom = std::min(maps.query.size(1), (y / m + 2) * m);
-      const int64_t right = std::min(maps.query.size(2), (x / m + 2) * m);
-      for (int64_t h = 0; h < shape.heads; ++h) {
-        const torch::Tensor q = maps.query.select(1, y).select(1, x).narrow(1, h * depth, depth);
-        const torch::Tensor keys = maps.value.narrow(1, top, bottom - top)
-                                       .narrow(2, left, right - left)
-                                       .narrow(3, h * depth, depth)
-                                       .flatten(1, 2);
-        const torch::Tensor weights = torch::softmax(torch::einsum("fc,fkc->fk", {q, keys}) / std::sqrt(depth), 1);
-        out.select(1, y).select(1, x).narrow(1, h * depth, depth).copy_(torch::einsum("fk,fkc->fc", {weights, keys}));
-      }
+// From the definition, differentiable and in whatever precision the maps have: all tokens of a frame at once, of which
+// those that are no neighbours are masked.
+torch::Tensor Definition(const torch::Tensor& query, const torch::Tensor& value, const AttentionShape& shape) {
+  const int64_t height = query.size(1), width = query.size(2), depth = query.size(3) / shape.heads;
+  std::vector<int64_t> neighbours;
+  for (int64_t a = 0; a < height * width; ++a) {
+    for (int64_t b = 0; b < height * width; ++b) {
+      const int64_t down = a / width / shape.patch - b / width / shape.patch;
+      const int64_t right = a % width / shape.patch - b % width / shape.patch;
+      neighbours.push_back(std::abs(down) <= 1 && std::abs(right) <= 1);
     }
   }
-  return out;
+  const torch::Tensor mask = torch::tensor(neighbours).view({height * width, height * width}) == 0;
+  const auto split = [&](const torch::Tensor& map) { return map.flatten(1, 2).unflatten(2, {shape.heads, depth}); };
+  const torch::Tensor scores =
+      torch::einsum("fqhc,fkhc->fhqk", {split(query), split(value)}) / std::sqrt(static_cast<double>(depth));
+  const torch::Tensor weights = torch::softmax(scores.masked_fill(mask, -1e30), 3);
+  return torch::einsum("fhqk,fkhc->fqhc", {weights, split(value)}).reshape(query.sizes());
+}
+
+const TensorFunction kFused = [](const auto& in) { return PatchAttention(in[0], in[1], kShape); };
+const TensorFunction kPlain = [](const auto& in) { return PatchAttentionPlain(in[0], in[1], kShape); };
+const TensorFunction kDefinition = [](const auto& in) { return Definition(in[0], in[1], kShape); };
+
+// By hand: patches of one token in a row of three. The middle one sees all of them, the outer ones two.
+TEST(PatchAttentionTest, ThreeTokensByHand) {
+  const torch::Tensor query = torch::tensor({0.0f, std::log(2.0f), 0.0f}).view({1, 1, 3, 1});
+  const torch::Tensor value = torch::tensor({1.0f, 2.0f, 6.0f}).view({1, 1, 3, 1});
+  const double middle = (2 * 1 + 4 * 2 + 64 * 6) / 70.0;  // weights 2^1, 2^2 and 2^6
+  const torch::Tensor want = torch::tensor({1.5, middle, 4.0}).view({1, 1, 3, 1});
+  EXPECT_LE(RelativeDifference(PatchAttention(query, value, {1, 1}), want), 1e-6);
+  EXPECT_LE(RelativeDifference(PatchAttentionPlain(query, value, {1, 1}), want), 1e-6);
+  EXPECT_LE(RelativeDifference(Definition(query, value, {1, 1}), want), 1e-6);
 }
 
 TEST(PatchAttentionTest, TokensOutsideTheMapTakeNoPart) {
   for (const auto& [height, width] : {std::pair<int64_t, int64_t>{14, 21}, {9, 16}, {3, 5}, {22, 8}}) {
     const Maps maps = RandomMaps(height, width);
-    const torch::Tensor want = TokenByToken(maps, kShape);
+    const torch::Tensor want = Definition(maps.query.to(torch::kDouble), maps.value.to(torch::kDouble), kShape);
     EXPECT_LE(RelativeDifference(PatchAttention(maps.query, maps.value, kShape), want), 1e-5);
     EXPECT_LE(RelativeDifference(PatchAttentionPlain(maps.query, maps.value, kShape), want), 1e-5);
   }
 }
 
-TEST(PatchAttentionTest, GradientsEqualThoseOfThePlainWay) {
-  const Maps maps = RandomMaps(16, 9);
-  const auto fused = [](const std::vector<torch::Tensor>& in) { return PatchAttention(in[0], in[1], kShape); };
-  ExpectSameGradients(fused, fused, {maps.query, maps.value}, 2e-5);  // double takes the plain way
-  const Maps small = RandomMaps(4, 3, 4);
-  ExpectDifferentiable([](const auto& in) { return PatchAttention(in[0], in[1], {2, 2}); }, {small.query, small.value});
+TEST(PatchAttentionTest, GradientsEqualThoseOfTheDefinition) {
+  for (const auto& [height, width] : {std::pair<int64_t, int64_t>{16, 9}, {7, 22}}) {
+    const Maps maps = RandomMaps(height, width);
+    ExpectSameGradients(kFused, kDefinition, {maps.query, maps.value}, 2e-5);
+    ExpectSameGradients(kPlain, kDefinition, {maps.query, maps.value}, 2e-5);
+  }
 }
 
 TEST(PatchAttentionTest, HalfPrecisionIsCloseToFull) {
   const Maps maps = RandomMaps(10, 15, 32);
-  const auto fused = [](const std::vector<torch::Tensor>& in) { return PatchAttention(in[0], in[1], kShape); };
-  ExpectSameGradients(fused, fused, {maps.query, maps.value}, 2e-2, torch::kBFloat16);
+  ExpectSameGradients(kFused, kDefinition, {maps.query, maps.value}, 2e-2, torch::kBFloat16);
 }
 
 TEST(PatchAttentionTest, LargeScoresDoNotOverflow) {
   Maps maps = RandomMaps(8, 8);
   maps.query.mul_(300);
-  const torch::Tensor got = PatchAttention(maps.query, maps.value, kShape);
-  EXPECT_LE(RelativeDifference(got, TokenByToken(maps, kShape)), 1e-4);
+  const torch::Tensor want = Definition(maps.query.to(torch::kDouble), maps.value.to(torch::kDouble), kShape);
+  EXPECT_LE(RelativeDifference(PatchAttention(maps.query, maps.value, kShape), want), 1e-4);
 }
 
 TEST(ContextualAttentionTest, FramesDoNotSeeEachOther) {
