@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "api/errors.h"
-#include "server/engine/batcher.h"
 #include "tests/server/engine/engine_fixture.h"
 
 namespace holdfast {
@@ -19,10 +18,8 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::Each;
-using ::testing::ElementsAre;
 using ::testing::Ge;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 using ::testing::Le;
 using ::testing::SizeIs;
 
@@ -218,15 +215,6 @@ TEST_F(EngineTest, AWallClockThatJumpsChangesNoLatency) {
   EXPECT_THAT(totals.final, AllOf(SizeIs(40), Each(plausible)));
   EXPECT_THAT(totals.shortest_stage, plausible);
   EXPECT_THAT(totals.longest_stage, plausible);
-}
-
-TEST(BatcherTest, SharesFairly) {
-  EXPECT_THAT(FairShares({1000, 1}, 50), ElementsAre(49, 1));
-  EXPECT_THAT(FairShares({10, 10, 10}, 7), ElementsAre(3, 2, 2));
-  EXPECT_THAT(FairShares({1, 2, 100}, 12), ElementsAre(1, 2, 9));
-  EXPECT_THAT(FairShares({1, 1}, 50), ElementsAre(1, 1));
-  EXPECT_THAT(FairShares({5, 5, 5}, 2), ElementsAre(1, 1, 0));
-  EXPECT_THAT(FairShares({}, 5), IsEmpty());
 }
 
 }  // namespace
