@@ -63,7 +63,8 @@ TEST(PortFileTest, HoldsBothPorts) {
 }
 
 TEST(PortFileTest, ADirectoryThatIsNotThereIsAnError) {
-  EXPECT_THAT(WritePortFile("/nonexistent/ports", 1, 2), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(WritePortFile("/nonexistent/ports", 1, 2),
+              StatusIs(absl::StatusCode::kNotFound, ::testing::HasSubstr("/nonexistent/ports")));
 }
 
 }  // namespace

@@ -107,6 +107,7 @@ TEST_F(RejectionTest, WrongFrameAndPointFieldsAreNamed) {
   request.mutable_frame()->clear_capture_time();
   request.mutable_frame()->set_index(2);
   ExpectViolation(answer(request), "frame.index");
+  request.mutable_frame()->set_index(1);
   request.mutable_frame()->add_points()->set_x(std::nanf(""));
   ExpectViolation(answer(request), "frame.points[0].x");
   *request.mutable_add_points() = AddPointsToProto({{1, 1, 1}, {2, 1, HUGE_VALF}});

@@ -68,7 +68,7 @@ TEST_F(EvaluateFlagsTest, ReadsSizesAndChoices) {
 }
 
 TEST_F(EvaluateFlagsTest, RefusesWhatItDoesNotKnowByTheFlagsName) {
-  EXPECT_THAT(Request({"--processing_size=640"}),
+  EXPECT_THAT(ParseFlags({"--processing_size=640"}),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--processing_size")));
   EXPECT_THAT(Request({"--processing_size=", "--baseline=raft"}),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--baseline: expected one of , lk")));
