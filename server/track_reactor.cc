@@ -36,26 +36,26 @@ TrackReactor::TrackReactor(Deps deps, grpc::CallbackServerContext* context)
       context_(context),
       log_(deps_.log),
       last_activity_(started_) {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   StartRead(&request_);
 }
 
 EngineSession* TrackReactor::session() {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   return session_.get();
 }
 
 void TrackReactor::OnReadDone(bool ok) {
   EngineSession* session;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     last_activity_ = deps_.clock.SteadyNow();
     if (input_closed_ || cancelled_ || done_) return;
     session = session_.get();
   }
   if (!ok) return InputEnded(session);
-  if (absl::Status status = Handle(session); !status.ok()) return End(status);
-  absl::MutexLock lock(&mu_);
+  if (absl::Status status = TakeMessage(session); !status.ok()) return End(status);
+  absl::MutexLock lock(&mutex_);
   reading_ = false;  // not before: writes and the engine start reads too, and messages have to stay in their order
   MaybeReadLocked();
 }
@@ -63,14 +63,14 @@ void TrackReactor::OnReadDone(bool ok) {
 void TrackReactor::InputEnded(EngineSession* session) {
   if (session == nullptr) return End(InvalidFieldError("config", "is missing: the stream ended before it came"));
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     if (input_closed_) return;
     input_closed_ = true;
   }
   session->Finish();
 }
 
-absl::Status TrackReactor::Handle(EngineSession* session) {
+absl::Status TrackReactor::TakeMessage(EngineSession* session) {
   v1::TrackRequest request;
   if (absl::Status status = ParseRequest(request_, deps_.engine.info().limits.max_points, request); !status.ok()) {
     return status;
@@ -92,7 +92,7 @@ absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
   log->info(absl::StrCat("session opened with ", config->points.size(), " points"));
   EngineSession* late = nullptr;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     session_ = *std::move(opened);
     accepted_ = session_->accepted();
     log_ = log;
@@ -127,13 +127,13 @@ absl::Status TrackReactor::PushFrame(v1::Frame&& message, EngineSession& session
   absl::StatusOr<Frame> frame = FromProto(std::move(message));
   if (!frame.ok()) return frame.status();
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     full_ = true;  // before the push: OnRoomForFrame may come before the push has returned
   }
   const absl::StatusOr<Room> room = session.PushFrame(*std::move(frame));
   if (!room.ok()) return room.status();
   if (*room == Room::kAvailable) {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     full_ = false;
   }
   return absl::OkStatus();
@@ -142,7 +142,7 @@ absl::Status TrackReactor::PushFrame(v1::Frame&& message, EngineSession& session
 void TrackReactor::OnWriteDone(bool ok) {
   EngineSession* session;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     writing_ = false;
     last_activity_ = deps_.clock.SteadyNow();
     if (!ok) cancelled_ = true;
@@ -156,7 +156,7 @@ void TrackReactor::OnWriteDone(bool ok) {
 void TrackReactor::OnCancel() {
   EngineSession* session;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     cancelled_ = true;
     session = session_.get();
     if (session == nullptr && !done_) done_ = absl::CancelledError("the client went away");
@@ -167,14 +167,14 @@ void TrackReactor::OnCancel() {
 
 void TrackReactor::OnDone() {
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     context_ = nullptr;
   }
   deps_.retire(this);
 }
 
 void TrackReactor::OnTracks(TrackUpdate update) {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   last_activity_ = deps_.clock.SteadyNow();
   if (cancelled_) return;
   outbox_.Add(std::move(update));
@@ -184,25 +184,25 @@ void TrackReactor::OnTracks(TrackUpdate update) {
 void TrackReactor::OnWarning(const absl::Status& warning) {
   std::shared_ptr<spdlog::logger> log;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     log = log_;
   }
   log->warn(absl::StrCat("warning: ", ForLog(warning)));
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   if (cancelled_ || warnings_.size() >= kMaxWarnings) return;
   warnings_.push_back(warning);
   MaybeWriteLocked();
 }
 
 void TrackReactor::OnRoomForFrame() {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   full_ = false;
   last_activity_ = deps_.clock.SteadyNow();
   MaybeReadLocked();
 }
 
-void TrackReactor::OnDone(const absl::Status& status, const SessionSummary& summary) {
-  absl::MutexLock lock(&mu_);
+void TrackReactor::OnSessionDone(const absl::Status& status, const SessionSummary& summary) {
+  absl::MutexLock lock(&mutex_);
   if (!done_) done_ = status;
   if (done_->ok()) summary_ = summary;
   MaybeWriteLocked();
@@ -211,7 +211,7 @@ void TrackReactor::OnDone(const absl::Status& status, const SessionSummary& summ
 void TrackReactor::CheckTime(SteadyTime now) {
   absl::Status late;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     if (finished_ || cancelled_) return;
     const absl::Duration quiet = Between(last_activity_, now);
     if (writing_) {
@@ -235,7 +235,7 @@ void TrackReactor::CheckTime(SteadyTime now) {
 void TrackReactor::End(const absl::Status& status) {
   EngineSession* session;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     if (input_closed_ || done_) return;  // it is ending already
     input_closed_ = true;
     session = session_.get();
@@ -246,7 +246,7 @@ void TrackReactor::End(const absl::Status& status) {
 }
 
 void TrackReactor::Abort() {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   if (!cancelled_) AbortLocked();
 }
 

@@ -45,36 +45,36 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   TrackReactor(Deps deps, grpc::CallbackServerContext* context);
 
   // Called by the owner now and then: ends a stream whose client keeps it waiting for too long.
-  void CheckTime(SteadyTime now) ABSL_LOCKS_EXCLUDED(mu_);
+  void CheckTime(SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
   // Takes nothing more from the client and ends with 'status' once the results of what was taken are sent.
-  void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mu_);
+  void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
   // Ends at once.
-  void Abort() ABSL_LOCKS_EXCLUDED(mu_);
+  void Abort() ABSL_LOCKS_EXCLUDED(mutex_);
 
-  void OnReadDone(bool ok) override ABSL_LOCKS_EXCLUDED(mu_);
-  void OnWriteDone(bool ok) override ABSL_LOCKS_EXCLUDED(mu_);
-  void OnCancel() override ABSL_LOCKS_EXCLUDED(mu_);
-  void OnDone() override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnReadDone(bool ok) override ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnWriteDone(bool ok) override ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnCancel() override ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnDone() override ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
-  void OnTracks(TrackUpdate update) override ABSL_LOCKS_EXCLUDED(mu_);
-  void OnWarning(const absl::Status& warning) override ABSL_LOCKS_EXCLUDED(mu_);
-  void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(mu_);
-  void OnDone(const absl::Status& status, const SessionSummary& summary) override ABSL_LOCKS_EXCLUDED(mu_);
+  void OnTracks(TrackUpdate update) override ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnWarning(const absl::Status& warning) override ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnSessionDone(const absl::Status& status, const SessionSummary& summary) override ABSL_LOCKS_EXCLUDED(mutex_);
 
-  EngineSession* session() ABSL_LOCKS_EXCLUDED(mu_);
-  void InputEnded(EngineSession* session) ABSL_LOCKS_EXCLUDED(mu_);
+  EngineSession* session() ABSL_LOCKS_EXCLUDED(mutex_);
+  void InputEnded(EngineSession* session) ABSL_LOCKS_EXCLUDED(mutex_);
   // Takes the message in request_.
-  absl::Status Handle(EngineSession* session) ABSL_LOCKS_EXCLUDED(mu_);
-  absl::Status Open(const v1::TrackRequest& request) ABSL_LOCKS_EXCLUDED(mu_);
-  absl::Status Apply(v1::TrackRequest request, EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
-  absl::Status PushFrame(v1::Frame&& message, EngineSession& session) ABSL_LOCKS_EXCLUDED(mu_);
-  void MaybeReadLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
-  void MaybeWriteLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
-  bool NextResponseLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
-  void AbortLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
-  void MaybeFinishLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
-  void LogEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
+  absl::Status TakeMessage(EngineSession* session) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status Open(const v1::TrackRequest& request) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status Apply(v1::TrackRequest request, EngineSession& session) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status PushFrame(v1::Frame&& message, EngineSession& session) ABSL_LOCKS_EXCLUDED(mutex_);
+  void MaybeReadLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void MaybeWriteLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  bool NextResponseLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void AbortLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void MaybeFinishLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void LogEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Deps deps_;
   const SteadyTime started_;
@@ -82,24 +82,24 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   grpc::ByteBuffer request_;
   grpc::ByteBuffer response_;
 
-  // No engine method is called with mu_ held: the engine calls the listener with its own locks held.
-  absl::Mutex mu_;
-  grpc::CallbackServerContext* context_ ABSL_GUARDED_BY(mu_);  // null after gRPC's OnDone
-  std::shared_ptr<spdlog::logger> log_ ABSL_GUARDED_BY(mu_);
-  bool reading_ ABSL_GUARDED_BY(mu_) = true;  // a read is in flight or being handled
-  bool writing_ ABSL_GUARDED_BY(mu_) = false;
-  bool full_ ABSL_GUARDED_BY(mu_) = false;          // the engine has no room for a frame
-  bool input_closed_ ABSL_GUARDED_BY(mu_) = false;  // nothing more is taken from the client
-  bool cancelled_ ABSL_GUARDED_BY(mu_) = false;     // nothing can be sent any more
-  bool finished_ ABSL_GUARDED_BY(mu_) = false;
-  SteadyTime last_activity_ ABSL_GUARDED_BY(mu_);
-  std::optional<SessionAccepted> accepted_ ABSL_GUARDED_BY(mu_);  // not sent yet
-  std::vector<absl::Status> warnings_ ABSL_GUARDED_BY(mu_);
-  Outbox outbox_ ABSL_GUARDED_BY(mu_);
-  std::optional<SessionSummary> summary_ ABSL_GUARDED_BY(mu_);  // not sent yet
-  std::optional<absl::Status> done_ ABSL_GUARDED_BY(mu_);       // how the stream ends, once that is known
+  // No engine method is called with mutex_ held: the engine calls the listener with its own locks held.
+  absl::Mutex mutex_;
+  grpc::CallbackServerContext* context_ ABSL_GUARDED_BY(mutex_);  // null after gRPC's OnDone
+  std::shared_ptr<spdlog::logger> log_ ABSL_GUARDED_BY(mutex_);
+  bool reading_ ABSL_GUARDED_BY(mutex_) = true;  // a read is in flight or being handled
+  bool writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool full_ ABSL_GUARDED_BY(mutex_) = false;          // the engine has no room for a frame
+  bool input_closed_ ABSL_GUARDED_BY(mutex_) = false;  // nothing more is taken from the client
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;     // nothing can be sent any more
+  bool finished_ ABSL_GUARDED_BY(mutex_) = false;
+  SteadyTime last_activity_ ABSL_GUARDED_BY(mutex_);
+  std::optional<SessionAccepted> accepted_ ABSL_GUARDED_BY(mutex_);  // not sent yet
+  std::vector<absl::Status> warnings_ ABSL_GUARDED_BY(mutex_);
+  Outbox outbox_ ABSL_GUARDED_BY(mutex_);
+  std::optional<SessionSummary> summary_ ABSL_GUARDED_BY(mutex_);  // not sent yet
+  std::optional<absl::Status> done_ ABSL_GUARDED_BY(mutex_);       // how the stream ends, once that is known
   // Set once and then kept to the end. Last, so that it is destroyed first: until then the engine uses the rest.
-  std::unique_ptr<EngineSession> session_ ABSL_GUARDED_BY(mu_);
+  std::unique_ptr<EngineSession> session_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace holdfast

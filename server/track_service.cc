@@ -31,8 +31,8 @@ TrackService::TrackService(const Options& options, Clock& clock, ServerEvents& e
 
 TrackService::~TrackService() {
   {
-    absl::MutexLock lock(&mu_);
-    mu_.Await(absl::Condition(this, &TrackService::IdleLocked));
+    absl::MutexLock lock(&mutex_);
+    mutex_.Await(absl::Condition(this, &TrackService::IdleLocked));
     stopping_ = true;
     work_.Notify();
   }
@@ -40,14 +40,14 @@ TrackService::~TrackService() {
 }
 
 void TrackService::Serve(Engine& engine) {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   engine_ = &engine;
 }
 
 void TrackService::Drain() {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   drain_began_ = clock_.SteadyNow();
-  mu_.Await(absl::Condition(this, &TrackService::IdleLocked));
+  mutex_.Await(absl::Condition(this, &TrackService::IdleLocked));
 }
 
 absl::Status TrackService::AdmitLocked() {
@@ -67,7 +67,7 @@ absl::Status TrackService::AdmitLocked() {
 }
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track(grpc::CallbackServerContext* context) {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   const absl::Status admitted = AdmitLocked();
   if (!admitted.ok()) return new RefusedCall(admitted);
   auto reactor = std::make_unique<TrackReactor>(
@@ -83,7 +83,7 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
                                                       const v1::GetServerInfoRequest*,
                                                       v1::GetServerInfoResponse* response) {
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   if (engine_ == nullptr) {
     reactor->Finish(ToGrpcStatus(absl::UnavailableError("the server is still loading its model")));
     return reactor;
@@ -95,7 +95,7 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
 }
 
 void TrackService::Retire(TrackReactor* reactor) {
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   retired_.push_back(reactor);
   work_.Notify();  // under the lock: once the last reactor is destroyed, so is this service
 }
@@ -104,7 +104,7 @@ void TrackService::KeepHouse() {
   while (true) {
     work_.WaitFor(kHousekeepingPeriod);
     {
-      absl::MutexLock lock(&mu_);
+      absl::MutexLock lock(&mutex_);
       if (stopping_) return;
     }
     DestroyRetired();
@@ -115,13 +115,13 @@ void TrackService::KeepHouse() {
 void TrackService::DestroyRetired() {
   std::vector<std::unique_ptr<TrackReactor>> doomed;
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     for (TrackReactor* reactor : retired_) doomed.push_back(std::move(live_.extract(reactor).mapped()));
     retired_.clear();
   }
   const int count = static_cast<int>(doomed.size());
   doomed.clear();  // may block: an engine session waits for the engine to let go of it
-  absl::MutexLock lock(&mu_);
+  absl::MutexLock lock(&mutex_);
   alive_ -= count;
 }
 
@@ -131,7 +131,7 @@ void TrackService::CheckStreams() {
   absl::Duration draining_for = -absl::InfiniteDuration();  // there is no drain
   const SteadyTime now = clock_.SteadyNow();
   {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     for (const auto& [reactor, owner] : live_) streams.push_back(reactor);
     if (drain_began_) draining_for = Between(*drain_began_, now);
   }

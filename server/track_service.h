@@ -38,37 +38,37 @@ class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track
   ~TrackService() override;
 
   // From now on streams are admitted. 'engine' must outlive the service's streams.
-  void Serve(Engine& engine) ABSL_LOCKS_EXCLUDED(mu_);
+  void Serve(Engine& engine) ABSL_LOCKS_EXCLUDED(mutex_);
   // Refuses new streams and blocks until the last one is gone: running ones may finish within the grace period, then
   // they are ended with UNAVAILABLE after their results were sent, and at last cut off.
-  void Drain() ABSL_LOCKS_EXCLUDED(mu_);
+  void Drain() ABSL_LOCKS_EXCLUDED(mutex_);
 
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Track(grpc::CallbackServerContext* context) override
-      ABSL_LOCKS_EXCLUDED(mu_);
+      ABSL_LOCKS_EXCLUDED(mutex_);
   grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
-                                          v1::GetServerInfoResponse* response) override ABSL_LOCKS_EXCLUDED(mu_);
+                                          v1::GetServerInfoResponse* response) override ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
-  absl::Status AdmitLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_);
-  void Retire(TrackReactor* reactor) ABSL_LOCKS_EXCLUDED(mu_);
-  void KeepHouse() ABSL_LOCKS_EXCLUDED(mu_);
-  void DestroyRetired() ABSL_LOCKS_EXCLUDED(mu_);
-  void CheckStreams() ABSL_LOCKS_EXCLUDED(mu_);
-  bool IdleLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_) { return alive_ == 0; }
+  absl::Status AdmitLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Retire(TrackReactor* reactor) ABSL_LOCKS_EXCLUDED(mutex_);
+  void KeepHouse() ABSL_LOCKS_EXCLUDED(mutex_);
+  void DestroyRetired() ABSL_LOCKS_EXCLUDED(mutex_);
+  void CheckStreams() ABSL_LOCKS_EXCLUDED(mutex_);
+  bool IdleLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return alive_ == 0; }
 
   const Options options_;
   Clock& clock_;
   ServerEvents& events_;
   const std::shared_ptr<spdlog::logger> log_;
 
-  absl::Mutex mu_;
-  Engine* engine_ ABSL_GUARDED_BY(mu_) = nullptr;
-  std::optional<SteadyTime> drain_began_ ABSL_GUARDED_BY(mu_);
-  bool stopping_ ABSL_GUARDED_BY(mu_) = false;
-  int alive_ ABSL_GUARDED_BY(mu_) = 0;  // reactors not destroyed yet
-  absl::flat_hash_map<TrackReactor*, std::unique_ptr<TrackReactor>> live_ ABSL_GUARDED_BY(mu_);
-  std::vector<TrackReactor*> retired_ ABSL_GUARDED_BY(mu_);  // of live_; gRPC has let go of them
-  SteadyEvent work_;                                         // something was retired, or stopping_ was set
+  absl::Mutex mutex_;
+  Engine* engine_ ABSL_GUARDED_BY(mutex_) = nullptr;
+  std::optional<SteadyTime> drain_began_ ABSL_GUARDED_BY(mutex_);
+  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  int alive_ ABSL_GUARDED_BY(mutex_) = 0;  // reactors not destroyed yet
+  absl::flat_hash_map<TrackReactor*, std::unique_ptr<TrackReactor>> live_ ABSL_GUARDED_BY(mutex_);
+  std::vector<TrackReactor*> retired_ ABSL_GUARDED_BY(mutex_);  // of live_; gRPC has let go of them
+  SteadyEvent work_;                                            // something was retired, or stopping_ was set
   std::thread housekeeper_;
 };
 

@@ -44,9 +44,9 @@ torch::Tensor Forward(const FeatureViews& views, const torch::Tensor& templates,
       torch::empty({views.rows(), views.frames, templates.size(2), views.levels * offsets}, torch::kFloat32);
   CorrelationRows rows = RowsOf(views, templates, xy, radius);
   rows.out = out.data_ptr<float>();
-  const bool half = views.dtype == torch::kBFloat16;
+  const bool bfloat16 = views.dtype == torch::kBFloat16;
   at::parallel_for(0, views.rows() * views.frames, kGrainItems, [&](int64_t begin, int64_t end) {
-    half ? CorrelateItems(rows, Bf16{}, begin, end) : CorrelateItems(rows, 0.0f, begin, end);
+    bfloat16 ? CorrelateItems(rows, Bf16{}, begin, end) : CorrelateItems(rows, 0.0f, begin, end);
   });
   return out;
 }
@@ -64,9 +64,9 @@ variable_list Backward(const PyramidCells& window, const torch::Tensor& template
   rows.grad_out = grad_out.data_ptr<float>();
   rows.grad_features = grad_templates.data_ptr<float>();
   rows.grad_maps = gradient_views.maps.data();
-  const bool half = views.dtype == torch::kBFloat16;
+  const bool bfloat16 = views.dtype == torch::kBFloat16;
   at::parallel_for(0, views.frames, 1, [&](int64_t begin, int64_t end) {
-    half ? CorrelateFramesBackward(rows, Bf16{}, begin, end) : CorrelateFramesBackward(rows, 0.0f, begin, end);
+    bfloat16 ? CorrelateFramesBackward(rows, Bf16{}, begin, end) : CorrelateFramesBackward(rows, 0.0f, begin, end);
   });
   return {gradient.cells.to(window.cells.scalar_type()), grad_templates};
 }

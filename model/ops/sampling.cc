@@ -23,9 +23,9 @@ torch::Tensor Forward(const FeatureViews& views, const torch::Tensor& xy) {
   rows.maps = views.row_maps();
   rows.xy = xy.data_ptr<float>();
   rows.out = out.data_ptr<float>();
-  const bool half = views.dtype == torch::kBFloat16;
+  const bool bfloat16 = views.dtype == torch::kBFloat16;
   at::parallel_for(0, views.rows() * views.frames, kGrainItems, [&](int64_t begin, int64_t end) {
-    half ? SampleItems(rows, Bf16{}, begin, end) : SampleItems(rows, 0.0f, begin, end);
+    bfloat16 ? SampleItems(rows, Bf16{}, begin, end) : SampleItems(rows, 0.0f, begin, end);
   });
   return out;
 }

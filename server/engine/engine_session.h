@@ -19,7 +19,7 @@ class SessionListener {
   // After PushFrame said "full": there is room again. May come before that PushFrame has returned.
   virtual void OnRoomForFrame() = 0;
   // The last call. OK after Finish(), otherwise why the session ended early; its earlier results came before.
-  virtual void OnDone(const absl::Status& status, const SessionSummary& summary) = 0;
+  virtual void OnSessionDone(const absl::Status& status, const SessionSummary& summary) = 0;
 };
 
 enum class Room { kAvailable, kFull };
@@ -36,11 +36,11 @@ class EngineSession {
   virtual absl::StatusOr<Room> PushFrame(Frame frame) = 0;
   virtual absl::Status AddPoints(const std::vector<PointQuery>& points) = 0;
   virtual absl::Status RemovePoints(const std::vector<PointId>& ids) = 0;
-  // No more frames. Everything pushed so far is tracked and becomes final, then OnDone(OK).
+  // No more frames. Everything pushed so far is tracked and becomes final, then OnSessionDone(OK).
   virtual void Finish() = 0;
-  // As Finish, but OnDone carries 'status': nothing already pushed is lost.
+  // As Finish, but OnSessionDone carries 'status': nothing already pushed is lost.
   virtual void Fail(absl::Status status) = 0;
-  // OnDone(CANCELLED) soon; work not yet begun is dropped.
+  // OnSessionDone(CANCELLED) soon; work not yet begun is dropped.
   virtual void Cancel() = 0;
 };
 

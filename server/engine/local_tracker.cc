@@ -22,7 +22,7 @@ class LocalStream final : public TrackStream, private SessionListener {
   explicit LocalStream(TrackObserver& observer) : observer_(observer) {}
 
   ~LocalStream() override {
-    session_.reset();  // OnDone has come when this returns
+    session_.reset();  // OnSessionDone has come when this returns
     if (thread_.joinable()) thread_.join();
   }
 
@@ -86,7 +86,7 @@ class LocalStream final : public TrackStream, private SessionListener {
     room_ = true;
     changed_.SignalAll();
   }
-  void OnDone(const absl::Status& status, const SessionSummary& summary) override ABSL_LOCKS_EXCLUDED(mutex_) {
+  void OnSessionDone(const absl::Status& status, const SessionSummary& summary) override ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
     done_ = status;
     events_.push_back([status, summary](TrackObserver& observer) { observer.OnDone(status, summary); });

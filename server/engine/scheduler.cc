@@ -75,7 +75,7 @@ bool Scheduler::TakeTurn() {
   });
   int64_t cached = 0;
   for (const auto& session : sessions_) {
-    RunFor({session.get()}, [&] { busy = session->Settle() || busy; });
+    RunFor({session.get()}, [&] { busy = session->FinishTurn() || busy; });
     cached += session->CachedBytes();
   }
   metrics_.CacheBytes(cached);

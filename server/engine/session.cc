@@ -328,7 +328,7 @@ absl::Status Session::FlowFailure() {
 
 int64_t Session::CachedBytes() const { return tracks_.cache().bytes() + (flow_ == nullptr ? 0 : flow_->bytes()); }
 
-bool Session::Settle() {
+bool Session::FinishTurn() {
   if (closed_) return false;
   if (const absl::Status ended = inbox_.cancelled() ? inbox_.end_status() : FlowFailure(); !ended.ok()) {
     Close(ended);
@@ -362,11 +362,11 @@ void Session::Close(const absl::Status& status) {
   metrics_.SessionClosed(status.ok()                 ? SessionOutcome::kCompleted
                          : absl::IsCancelled(status) ? SessionOutcome::kCancelled
                                                      : SessionOutcome::kFailed);
-  ticket_.reset();  // before OnDone: who hears of the end may come back at once
+  ticket_.reset();  // before OnSessionDone: who hears of the end may come back at once
   {
     absl::MutexLock lock(&emit_mutex_);
     told_done_ = true;
-    listener_.OnDone(status, summary_);
+    listener_.OnSessionDone(status, summary_);
   }
   absl::MutexLock lock(&done_mutex_);
   done_ = true;

@@ -31,7 +31,7 @@ namespace holdfast {
 // One stream inside the engine: an inbox that any thread fills, the tracks, which belong to the compute thread, and
 // optical flow, which threads of the decode pool compute: they carry points from frame to frame as frames are decoded,
 // and polish what has become final. Windows wait for the flow they start from, the compute thread does not. The handle,
-// queued jobs and the scheduler share the session; after OnDone it does nothing more.
+// queued jobs and the scheduler share the session; after OnSessionDone it does nothing more.
 class Session : public std::enable_shared_from_this<Session> {
  public:
   struct Options {
@@ -50,7 +50,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // The most that a session's pictures and patches for optical flow take; 0 when it uses none.
   static int64_t FlowBytes(const Options& options);
 
-  // 'listener', 'clock' and 'metrics' must outlive the session, the listener only until OnDone has returned.
+  // 'listener', 'clock' and 'metrics' must outlive the session, the listener only until OnSessionDone has returned.
   Session(const Options& options, SessionListener& listener, Clock& clock, EngineMetrics& metrics, Threads threads,
           std::unique_ptr<Admission::Ticket> ticket);
 
@@ -62,7 +62,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // As those of the inbox.
   absl::Status AddPoints(const std::vector<PointQuery>& points);
   absl::Status RemovePoints(const std::vector<PointId>& ids);
-  // Until OnDone has returned.
+  // Until OnSessionDone has returned.
   void AwaitDone() ABSL_LOCKS_EXCLUDED(done_mutex_);
 
   // --- The compute thread.
@@ -84,7 +84,7 @@ class Session : public std::enable_shared_from_this<Session> {
   int64_t CachedBytes() const;
   // Takes over what was polished, ends tracks, forgets frames, and ends the session when it is cancelled or has nothing
   // left to do. True: polish is done, so there may be room for frames that nobody will report.
-  bool Settle();
+  bool FinishTurn();
   // Ends the session as it stands.
   void Close(const absl::Status& status);
 

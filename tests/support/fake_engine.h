@@ -42,7 +42,7 @@ class FakeEngine final : public Engine {
 
   ~FakeEngine() override {
     {
-      absl::MutexLock lock(&mu_);
+      absl::MutexLock lock(&mutex_);
       stopping_ = true;
     }
     worker_.join();
@@ -50,24 +50,24 @@ class FakeEngine final : public Engine {
 
   // Holds back everything but cancelling until Release.
   void Hold() {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     held_ = true;
   }
   void Release() {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     held_ = false;
   }
   int frames_taken() const {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     return frames_taken_;
   }
   void AwaitFramesTaken(int count) const {
     const auto reached = [this, count]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return frames_taken_ >= count; };
-    absl::MutexLock lock(&mu_);
-    mu_.Await(absl::Condition(&reached));
+    absl::MutexLock lock(&mutex_);
+    mutex_.Await(absl::Condition(&reached));
   }
   int live_sessions() const {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     return live_sessions_;
   }
   // Runs on the engine's thread for each frame before its results; set it before the first session.
@@ -77,7 +77,7 @@ class FakeEngine final : public Engine {
 
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                              SessionListener& listener) override {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     absl::StatusOr<SessionAccepted> accepted = Negotiate(config, {}, {});
     if (!accepted.ok()) return accepted.status();
     if (admitted_ >= options_.max_sessions) {
@@ -208,11 +208,11 @@ class FakeEngine final : public Engine {
 
     void Done(const absl::Status& status) {
       if (std::exchange(done_, true)) return;
-      engine_.GiveBack();  // before OnDone: who hears of the end may come back at once
+      engine_.GiveBack();  // before OnSessionDone: who hears of the end may come back at once
       outcome_ = status.ok()                 ? SessionOutcome::kCompleted
                  : absl::IsCancelled(status) ? SessionOutcome::kCancelled
                                              : SessionOutcome::kFailed;
-      listener_.OnDone(status, {frames_, static_cast<int64_t>(points_.size()), final_samples_});
+      listener_.OnSessionDone(status, {frames_, static_cast<int64_t>(points_.size()), final_samples_});
     }
 
     FakeEngine& engine_;
@@ -239,52 +239,52 @@ class FakeEngine final : public Engine {
   };
 
   Room PostFrame(Session* session, std::function<void()> run) {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     ++frames_taken_;
     tasks_.push_back({session, std::move(run), true, false});
     return ++session->pending_ < options_.max_pending_frames ? Room::kAvailable : Room::kFull;
   }
   void Post(Session* session, std::function<void()> run) {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     tasks_.push_back({session, std::move(run), false, false});
   }
   void PostFirst(Session* session, std::function<void()> run) {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     tasks_.push_front({session, std::move(run), false, true});
   }
   void GiveBack() {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     --admitted_;
   }
   // Blocks until the session is not in use.
   void Forget(Session* session) {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     tasks_.erase(std::remove_if(tasks_.begin(), tasks_.end(), [&](const Task& t) { return t.session == session; }),
                  tasks_.end());
     const auto unused = [&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return running_ != session; };
-    mu_.Await(absl::Condition(&unused));
+    mutex_.Await(absl::Condition(&unused));
     --live_sessions_;
   }
 
-  bool MayRun() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mu_) {
+  bool MayRun() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     return stopping_ || (!tasks_.empty() && (!held_ || tasks_.front().urgent));
   }
 
   void Work() {
-    absl::MutexLock lock(&mu_);
+    absl::MutexLock lock(&mutex_);
     while (true) {
-      mu_.Await(absl::Condition(this, &FakeEngine::MayRun));
+      mutex_.Await(absl::Condition(this, &FakeEngine::MayRun));
       if (stopping_) return;
       const Task task = std::move(tasks_.front());
       tasks_.pop_front();
       running_ = task.session;
-      mu_.Unlock();
+      mutex_.Unlock();
       task.run();
-      mu_.Lock();
+      mutex_.Lock();
       if (task.is_frame && task.session->pending_-- == options_.max_pending_frames) {
-        mu_.Unlock();
+        mutex_.Unlock();
         if (!task.session->done_) task.session->listener_.OnRoomForFrame();
-        mu_.Lock();
+        mutex_.Lock();
       }
       running_ = nullptr;
     }
@@ -312,15 +312,15 @@ class FakeEngine final : public Engine {
   EngineMetrics& metrics_;
   const TrackerInfo info_ = FakeInfo();
 
-  mutable absl::Mutex mu_;
-  std::deque<Task> tasks_ ABSL_GUARDED_BY(mu_);
-  Session* running_ ABSL_GUARDED_BY(mu_) = nullptr;
-  bool held_ ABSL_GUARDED_BY(mu_) = false;
-  bool stopping_ ABSL_GUARDED_BY(mu_) = false;
-  int frames_taken_ ABSL_GUARDED_BY(mu_) = 0;
-  int live_sessions_ ABSL_GUARDED_BY(mu_) = 0;  // not destroyed
-  int admitted_ ABSL_GUARDED_BY(mu_) = 0;       // not done
-  int next_session_ ABSL_GUARDED_BY(mu_) = 0;
+  mutable absl::Mutex mutex_;
+  std::deque<Task> tasks_ ABSL_GUARDED_BY(mutex_);
+  Session* running_ ABSL_GUARDED_BY(mutex_) = nullptr;
+  bool held_ ABSL_GUARDED_BY(mutex_) = false;
+  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  int frames_taken_ ABSL_GUARDED_BY(mutex_) = 0;
+  int live_sessions_ ABSL_GUARDED_BY(mutex_) = 0;  // not destroyed
+  int admitted_ ABSL_GUARDED_BY(mutex_) = 0;       // not done
+  int next_session_ ABSL_GUARDED_BY(mutex_) = 0;
   std::thread worker_;
 };
 

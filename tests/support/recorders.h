@@ -115,7 +115,7 @@ class RecordingListener final : public SessionListener, public UpdateRecorder {
     room_ = true;
     room_changed_.SignalAll();
   }
-  void OnDone(const absl::Status& status, const SessionSummary& summary) override {
+  void OnSessionDone(const absl::Status& status, const SessionSummary& summary) override {
     Done(status, summary);
     OnRoomForFrame();
   }

@@ -30,7 +30,7 @@ std::vector<Place> PlacesOn(absl::Span<PolishTrack> tracks, int64_t frame) {
   return places;
 }
 
-void Settle(const Place& place, std::optional<FlowPoint> found) {
+void MoveTo(const Place& place, std::optional<FlowPoint> found) {
   if (found) place.track->positions[place.at] = *found;
   place.track->previous = place.track->positions[place.at];
 }
@@ -52,7 +52,7 @@ void PolishFrame(absl::Span<PolishTrack> tracks, int64_t frame, const FlowPyrami
       found = FindPatch(*track.patch, now, estimate, AtWidth(FromQuery(), now.size().width));
     }
     if (found || !track.previous) {
-      Settle(place, found);
+      MoveTo(place, found);
       continue;
     }
     left.push_back(place);
@@ -60,7 +60,7 @@ void PolishFrame(absl::Span<PolishTrack> tracks, int64_t frame, const FlowPyrami
     starts.push_back(estimate);
   }
   const auto found = FollowPoints(before, now, from, starts, AtWidth(FromBefore(), now.size().width));
-  for (size_t i = 0; i < left.size(); ++i) Settle(left[i], found[i]);
+  for (size_t i = 0; i < left.size(); ++i) MoveTo(left[i], found[i]);
 }
 
 }  // namespace holdfast
