@@ -108,8 +108,13 @@ absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat&
                                      GrayImage* gray) {
   const absl::StatusOr<ImageSize> size = FrameSize(bytes, format);
   if (!size.ok()) return size.status();
+  return DecodeCheckedFrame(bytes, format, *size, processing_size, gray);
+}
+
+absl::StatusOr<RgbImage> DecodeCheckedFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
+                                            ImageSize processing_size, GrayImage* gray) {
   try {
-    return Decode(bytes, format, *size, processing_size, gray);
+    return Decode(bytes, format, size, processing_size, gray);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("no memory to decode the frame");
   } catch (const cv::Exception& e) {

@@ -29,4 +29,8 @@ absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& 
 absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size,
                                      GrayImage* gray = nullptr);
 
+// The same for bytes that FrameSize has looked at, which is work that grows with them. REQUIRES: it said 'size'.
+absl::StatusOr<RgbImage> DecodeCheckedFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
+                                            ImageSize processing_size, GrayImage* gray = nullptr);
+
 }  // namespace holdfast

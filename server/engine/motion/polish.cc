@@ -30,6 +30,7 @@ std::vector<Place> PlacesOn(absl::Span<PolishTrack> tracks, int64_t frame) {
   return places;
 }
 
+// Moves the point of that frame to where it was found, if it was; the search in the next frame goes on from there.
 void MoveTo(const Place& place, std::optional<FlowPoint> found) {
   if (found) place.track->positions[place.at] = *found;
   place.track->previous = place.track->positions[place.at];
