@@ -45,6 +45,9 @@ bool Merge(PointRun& older, const PointRun& newer) {
   const int64_t kept = newer.first_frame - older.first_frame;
   if (kept < 0) return Prepend(older, newer);
   if (kept > Length(older)) return false;
+  // A run counts its final samples from its beginning. Where the newer run begins among or right behind the older
+  // one's, its own go on from there, and must not be fewer: what was final stays so. Where it begins further on,
+  // provisional samples lie between, and final ones behind those could not be counted.
   const int64_t finals = kept <= older.final_count ? kept + newer.final_count : older.final_count;
   if (kept <= older.final_count ? finals < older.final_count : newer.final_count > 0) return false;
   Overwrite(older.x, newer.x, kept);
@@ -72,6 +75,8 @@ void Outbox::Add(TrackUpdate update) {
   watermark_changed_ = frames_received_ != sent_received_ || frames_processed_ != sent_processed_;
 }
 
+// Only a point's newest run can take more in: an older one was left behind by a run that did not fit it, and order
+// among the runs of a point is what tells a reader which estimate revises which.
 void Outbox::AddRun(PointRun run) {
   const auto found = newest_.find(run.id);
   if (found != newest_.end()) {

@@ -38,6 +38,10 @@ HOLDFAST_INLINE Patch PatchAt(const float* xy, int64_t level, int64_t radius, co
   return patch;
 }
 
+// A sample between four cells is a blend of the cells, and a dot product is linear, so the blend of four dot products
+// is that of the sample: the (2R+2)^2 cells around a position are multiplied once each, where (2R+1)^2 samples of four
+// cells each would be three times the work at R = 3. For the same reason K templates share each load of a cell.
+
 // Dot products of one cell with K templates, 'step' floats apart from one another in 'out'.
 template <int kTemplates, typename T>
 HOLDFAST_INLINE void Dots(const T* cell, const float* features, int64_t channels, float* out, int64_t step) {

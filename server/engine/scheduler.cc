@@ -58,6 +58,8 @@ bool Scheduler::AwaitWork() {
   return !stopped_;
 }
 
+// A turn encodes one batch and refines one, whatever is waiting: neither the frames of one session nor the windows of
+// another can keep the others from their turn, and what has arrived meanwhile is seen after two batches at most.
 bool Scheduler::TakeTurn() {
   {
     absl::MutexLock lock(&mutex_);
@@ -83,6 +85,8 @@ bool Scheduler::TakeTurn() {
   return busy;
 }
 
+// Which session leads a batch moves on by one each time, so that each leads in its turn even where one could fill every
+// batch alone. RefineBatch does the same with an order of its own.
 bool Scheduler::EncodeBatch() {
   FrameBatch batch = TakeFrameBatch(InTurn(encode_turn_), options_.max_batch_frames);
   if (batch.parts.empty()) return false;

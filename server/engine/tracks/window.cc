@@ -4,11 +4,14 @@
 namespace holdfast {
 
 std::optional<WindowPlan> WindowSchedule::Next(int64_t newest, bool ended) const {
+  // Full windows first, also after the end: a last one is only for frames that no full one reaches.
   if (newest >= next_start_ + options_.frames - 1) return Full();
   if (ended) {
     if (newest <= covered_) return std::nullopt;  // only the query's frame, or a window ended exactly here
     return began() ? Shifted(newest) : First(WindowKind::kLast, newest);
   }
+  // Until the first full window a viewer would wait for options_.frames frames; early ones answer every hop, as full
+  // ones do later, and each begins at the query again.
   if (!options_.early || began()) return std::nullopt;
   const int64_t frames = (newest - query_ + 1) / options_.hop * options_.hop;
   if (frames < 2 || query_ + frames - 1 <= covered_) return std::nullopt;
@@ -32,6 +35,8 @@ WindowPlan WindowSchedule::Full() const {
   return {WindowKind::kFull, next_start_, next_start_ + options_.frames - 1, !began(), kept + 1};
 }
 
+// A full window moved back until it ends with the video, not a short one: the network was trained on full ones, and the
+// frames it sees again are in the cache.
 WindowPlan WindowSchedule::Shifted(int64_t last) const {
   return {WindowKind::kLast, last - options_.frames + 1, last, /*from_query=*/false, last + 1};
 }
