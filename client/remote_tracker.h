@@ -26,9 +26,11 @@ class RemoteTracker final : public PointTracker {
     std::string address;                                // "host:port"
     absl::Duration connect_timeout = absl::Seconds(5);  // for the connection to stand
     absl::Duration answer_timeout = absl::Seconds(30);  // for the server to accept a session, or to answer Info()
-    absl::Duration keepalive_time = absl::Seconds(30);  // silence after which the peer is asked whether it lives
+    // After so long a silence the peer is asked whether it lives, and after that time without an answer the connection
+    // is given up. Together they are how long a dead server goes unnoticed; servers drop clients that ask too often.
+    absl::Duration keepalive_time = absl::Seconds(30);
     absl::Duration keepalive_timeout = absl::Seconds(10);
-    int max_receive_bytes = 64 << 20;  // of one response
+    int max_receive_bytes = 64 << 20;  // of one response: a bound on what a broken server can make a client hold
 
     absl::Status Validate() const;
   };

@@ -13,17 +13,25 @@ enum class LogFormat { kText, kJson };
 
 // Everything a server can be told. The engine checks its own part when it is created.
 struct ServerOptions {
-  std::string listen = "[::]:50051";            // gRPC; port 0: a free one
-  std::string metrics_listen = "0.0.0.0:9464";  // HTTP; port 0: a free one
+  std::string listen = "[::]:50051";            // host:port of gRPC; port 0: a free one
+  std::string metrics_listen = "0.0.0.0:9464";  // host:port of /metrics, /healthz and /readyz; port 0: a free one
   EngineOptions engine;
-  absl::Duration first_message_timeout = absl::Seconds(10);  // from the start of a stream to its config
-  absl::Duration idle_timeout = absl::Minutes(2);            // of a stream whose client neither sends nor reads
-  absl::Duration grace_period = absl::Seconds(20);           // at shutdown, for sessions to finish by themselves
-  absl::Duration keepalive_time = absl::Minutes(2);          // between pings to a silent client
+  // A stream whose configuration has not come after this time is ended, so that strangers cannot pile up silent ones.
+  absl::Duration first_message_timeout = absl::Seconds(10);
+  // A stream whose client neither sends nor reads for this time is ended, and its points' memory is free again. Longer
+  // suits clients that pause; infinite keeps what they hold for ever.
+  absl::Duration idle_timeout = absl::Minutes(2);
+  // What running sessions have at shutdown to finish by themselves. Keep it below the time after which the platform
+  // kills the process.
+  absl::Duration grace_period = absl::Seconds(20);
+  // A client that has been silent for this time is pinged, and dropped when it does not answer. Shorter notices dead
+  // peers sooner and costs traffic.
+  absl::Duration keepalive_time = absl::Minutes(2);
+  // A connection that is older takes no new streams, so that clients come to know new servers; running ones go on.
   absl::Duration max_connection_age = absl::InfiniteDuration();
   LogFormat log_format = LogFormat::kText;
-  std::string log_level = "info";
-  std::string port_file;  // written once the server is ready; empty: none
+  std::string log_level = "info";  // the least that is logged
+  std::string port_file;           // the bound ports are written here once the server is ready; empty: nowhere
 
   absl::Status Validate() const;
 };

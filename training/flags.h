@@ -17,14 +17,14 @@ struct TrainRequest {
   TrainerOptions trainer;  // 'device' as well
   TrainingDataOptions data;
   TrainingDataOptions validation_data;
-  int64_t validation_clips = 16;  // 0: no validation
-  int64_t validation_iterations = 4;
-  std::string init;             // checkpoint to start from; empty: random weights
-  std::string metrics_address;  // host:port; empty: none
-  int64_t log_every = 20;       // steps between plain lines
-  int workers = 1;
-  int threads = 0;               // 0: all cores
-  bool choose_precision = true;  // the recipe's bfloat16 only where it is fast and right
+  int64_t validation_clips = 16;      // 0: no validation
+  int64_t validation_iterations = 4;  // refinement iterations, whatever the recipe trains with: those of serving
+  std::string init;                   // checkpoint to start from; empty: random weights
+  std::string metrics_address;        // host:port; empty: none
+  int64_t log_every = 20;             // steps between lines where there is no terminal
+  int workers = 1;                    // threads that make clips: more where steps wait for data
+  int threads = 0;                    // of one tensor operation; 0: all cores
+  bool choose_precision = true;       // the recipe's bfloat16 only where it is fast and right
 };
 
 // From the values the flags have now. INVALID_ARGUMENT names the flag.

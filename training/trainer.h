@@ -26,9 +26,12 @@ struct TrainerOptions {
   Recipe recipe;
   std::string directory;  // of checkpoints and weights; every process sees the same
   uint64_t seed = 0;
-  absl::Duration time_budget = absl::InfiniteDuration();  // of training, over all runs
-  int64_t validate_every = 500;                           // steps; 0: never
-  int64_t checkpoint_every = 500;                         // steps; 0: at the end only
+  // Training ends after this time, over all runs; where the recipe has no number of steps its schedule follows the
+  // time.
+  absl::Duration time_budget = absl::InfiniteDuration();
+  int64_t validate_every = 500;    // steps; each validation stops all processes while one of them runs it; 0: never
+  int64_t checkpoint_every = 500;  // steps that a crash may cost; 0: a checkpoint at the end only
+  // So many steps in a row without a finite gradient end the training: the weights are broken, or the rate too high.
   int64_t max_skipped_in_row = 25;
   torch::Device device = torch::kCPU;
   // The network runs in float32 though the recipe says bfloat16, because this machine computes that wrongly or slowly.
