@@ -5,8 +5,6 @@
 #include <optional>
 #include <utility>
 
-#include "absl/cleanup/cleanup.h"
-
 namespace holdfast {
 
 bool SessionPolish::Start(TrackSet& tracks) {
@@ -33,18 +31,13 @@ bool SessionPolish::Start(TrackSet& tracks) {
 
 bool SessionPolish::Step() {
   Job& job = *job_;
-  bool over = true;
-  // Also where the work throws: the compute thread then takes the job as far as it came.
-  const absl::Cleanup hand_back = [this, &over] {
-    if (!over) return;
-    absl::MutexLock lock(&mutex_);
-    done_ = true;
-  };
   PolishFrame(absl::MakeSpan(job.work), job.first + 1, *job.pyramids[0], *job.pyramids[1]);
   job.pyramids.pop_front();
   ++job.first;
-  over = job.pyramids.size() < 2;
-  return !over;
+  if (job.pyramids.size() > 1) return true;
+  absl::MutexLock lock(&mutex_);
+  done_ = true;
+  return false;
 }
 
 bool SessionPolish::Finish(TrackSet& tracks, std::vector<PointRun>& runs) {

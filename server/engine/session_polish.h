@@ -34,7 +34,8 @@ class SessionPolish {
   bool Finish(TrackSet& tracks, std::vector<PointRun>& runs) ABSL_LOCKS_EXCLUDED(mutex_);
 
   // --- Any thread, one at a time.
-  // Polishes one frame of the job. False: that was the last one, or the work threw; Finish has what there is.
+  // Polishes one frame of the job. False: that was the last one, and Finish has the results. A job whose work throws is
+  // never done: its session ends.
   bool Step() ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
