@@ -92,8 +92,8 @@ void Session::Decode(int64_t index) {
   GrayImage gray;
   if (flow_ != nullptr) gray.size = flow_size();
   // The inbox has checked the frame when it came.
-  auto image = DecodeCheckedFrame(*bytes, options_.inbox.format, inbox_.frame_size(), options_.accepted.processing_size,
-                                  flow_ == nullptr ? nullptr : &gray);
+  auto image = DecodeFrame(*bytes, options_.inbox.format, inbox_.frame_size(), options_.accepted.processing_size,
+                           flow_ == nullptr ? nullptr : &gray);
   const SteadyTime end = clock_.SteadyNow();
   if (flow_ != nullptr && image.ok()) {
     RunFlow([&] { flow_->AddFrame(index, std::make_shared<FlowPyramid>(gray)); });

@@ -104,15 +104,8 @@ absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& 
   return size;
 }
 
-absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size,
-                                     GrayImage* gray) {
-  const absl::StatusOr<ImageSize> size = FrameSize(bytes, format);
-  if (!size.ok()) return size.status();
-  return DecodeCheckedFrame(bytes, format, *size, processing_size, gray);
-}
-
-absl::StatusOr<RgbImage> DecodeCheckedFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
-                                            ImageSize processing_size, GrayImage* gray) {
+absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
+                                     ImageSize processing_size, GrayImage* gray) {
   try {
     return Decode(bytes, format, size, processing_size, gray);
   } catch (const std::bad_alloc&) {

@@ -23,14 +23,10 @@ struct FrameFormat {
 absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& format);
 
 // Decodes to RGB, 8 bits a channel, in the orientation it is stored in, and resizes bilinearly to 'processing_size'.
-// Checks FrameSize first. INVALID_ARGUMENT: broken or truncated bytes. Safe to call from several threads.
-// 'gray' may be null; otherwise it gets the same picture in grey at the size it has, each pixel the mean of those it
-// covers.
-absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize processing_size,
-                                     GrayImage* gray = nullptr);
-
-// The same for bytes that FrameSize has looked at, which is work that grows with them. REQUIRES: it said 'size'.
-absl::StatusOr<RgbImage> DecodeCheckedFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
-                                            ImageSize processing_size, GrayImage* gray = nullptr);
+// INVALID_ARGUMENT: broken or truncated bytes. Safe to call from several threads. REQUIRES: FrameSize said 'size' of
+// the bytes. 'gray' may be null; otherwise it gets the same picture in grey at the size it has, each pixel the mean of
+// those it covers.
+absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
+                                     ImageSize processing_size, GrayImage* gray = nullptr);
 
 }  // namespace holdfast

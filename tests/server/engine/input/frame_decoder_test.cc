@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/check_and_decode.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
@@ -36,7 +37,7 @@ std::vector<int> FirstPixel(const RgbImage& image) { return {image.pixels[0], im
 
 TEST(FrameDecoderTest, DecodesJpegAndPngToRgbAtTheProcessingSize) {
   for (const auto& [extension, encoding] : {std::pair(".jpg", FrameEncoding::kJpeg), {".png", FrameEncoding::kPng}}) {
-    const auto image = DecodeFrame(Encoded(extension, 90, 50, {200, 100, 10}), Format(encoding), {64, 32});
+    const auto image = CheckAndDecode(Encoded(extension, 90, 50, {200, 100, 10}), Format(encoding), {64, 32});
     ASSERT_THAT(image, IsOk());
     EXPECT_EQ(image->size, (ImageSize{64, 32}));
     ASSERT_EQ(image->pixels.size(), 64u * 32 * 3);
@@ -49,9 +50,9 @@ TEST(FrameDecoderTest, DecodesJpegAndPngToRgbAtTheProcessingSize) {
 
 TEST(FrameDecoderTest, ReadsRawPixelsInTheirChannelOrder) {
   const std::string bytes = "\x01\x02\x03\x04\x05\x06";
-  const auto rgb = DecodeFrame(bytes, Format(FrameEncoding::kRgb24, {2, 1}), {2, 1});
-  const auto bgr = DecodeFrame(bytes, Format(FrameEncoding::kBgr24, {2, 1}), {2, 1});
-  const auto gray = DecodeFrame("\x07\x08", Format(FrameEncoding::kGray8, {2, 1}), {2, 1});
+  const auto rgb = CheckAndDecode(bytes, Format(FrameEncoding::kRgb24, {2, 1}), {2, 1});
+  const auto bgr = CheckAndDecode(bytes, Format(FrameEncoding::kBgr24, {2, 1}), {2, 1});
+  const auto gray = CheckAndDecode("\x07\x08", Format(FrameEncoding::kGray8, {2, 1}), {2, 1});
   EXPECT_THAT(rgb->pixels, ElementsAre(1, 2, 3, 4, 5, 6));
   EXPECT_THAT(bgr->pixels, ElementsAre(3, 2, 1, 6, 5, 4));
   EXPECT_THAT(gray->pixels, ElementsAre(7, 7, 7, 8, 8, 8));
@@ -61,13 +62,13 @@ TEST(FrameDecoderTest, DecodesAGreyPictureToThreeEqualChannels) {
   std::vector<uint8_t> bytes;
   cv::imencode(".png", cv::Mat(8, 8, CV_8UC1, cv::Scalar(77)), bytes);
   const auto image =
-      DecodeFrame({reinterpret_cast<char*>(bytes.data()), bytes.size()}, Format(FrameEncoding::kPng), {8, 8});
+      CheckAndDecode({reinterpret_cast<char*>(bytes.data()), bytes.size()}, Format(FrameEncoding::kPng), {8, 8});
   ASSERT_THAT(image, IsOk());
   EXPECT_THAT(FirstPixel(*image), ElementsAre(77, 77, 77));
 }
 
 TEST(FrameDecoderTest, RefusesRawBytesOfAnotherSize) {
-  EXPECT_THAT(DecodeFrame("12345", Format(FrameEncoding::kRgb24, {2, 1}), {2, 1}),
+  EXPECT_THAT(CheckAndDecode("12345", Format(FrameEncoding::kRgb24, {2, 1}), {2, 1}),
               StatusIs(kInvalid, HasSubstr("5 bytes, expected 6")));
 }
 
@@ -76,24 +77,28 @@ TEST(FrameDecoderTest, RefusesTooManyPixelsByTheHeaderAlone) {
   const std::string jpeg(
       "\xFF\xD8\xFF\xC0\x00\x0B\x08\xFF\xDC\xFF\xDC\x01\x01\x11\x00\xFF\xDA\x00\x08\x01\x01\x00\x00\x3F\x00\xFF\xD9",
       27);
-  EXPECT_THAT(DecodeFrame(jpeg, Format(FrameEncoding::kJpeg), {32, 32}), StatusIs(kInvalid, HasSubstr("65500x65500")));
+  EXPECT_THAT(CheckAndDecode(jpeg, Format(FrameEncoding::kJpeg), {32, 32}),
+              StatusIs(kInvalid, HasSubstr("65500x65500")));
   std::string png = Encoded(".png", 4, 4, {});
   png.replace(16, 4, std::string("\x7F\xFF\xFF\xFF", 4));
-  EXPECT_THAT(DecodeFrame(png, Format(FrameEncoding::kPng), {32, 32}), StatusIs(kInvalid, HasSubstr("2147483647x4")));
+  EXPECT_THAT(CheckAndDecode(png, Format(FrameEncoding::kPng), {32, 32}),
+              StatusIs(kInvalid, HasSubstr("2147483647x4")));
 }
 
 TEST(FrameDecoderTest, RefusesAPictureOfAnotherEncoding) {
   const std::string png = Encoded(".png", 8, 8, {}), jpeg = Encoded(".jpg", 8, 8, {});
-  EXPECT_THAT(DecodeFrame(png, Format(FrameEncoding::kJpeg), {8, 8}), StatusIs(kInvalid, HasSubstr("no JPEG header")));
-  EXPECT_THAT(DecodeFrame(jpeg, Format(FrameEncoding::kPng), {8, 8}), StatusIs(kInvalid, HasSubstr("no PNG header")));
-  EXPECT_THAT(DecodeFrame("", Format(FrameEncoding::kJpeg), {8, 8}), StatusIs(kInvalid));
+  EXPECT_THAT(CheckAndDecode(png, Format(FrameEncoding::kJpeg), {8, 8}),
+              StatusIs(kInvalid, HasSubstr("no JPEG header")));
+  EXPECT_THAT(CheckAndDecode(jpeg, Format(FrameEncoding::kPng), {8, 8}),
+              StatusIs(kInvalid, HasSubstr("no PNG header")));
+  EXPECT_THAT(CheckAndDecode("", Format(FrameEncoding::kJpeg), {8, 8}), StatusIs(kInvalid));
 }
 
 TEST(FrameDecoderTest, RefusesEveryTruncationAndNeverCrashes) {
   for (const auto& [extension, encoding] : {std::pair(".jpg", FrameEncoding::kJpeg), {".png", FrameEncoding::kPng}}) {
     const std::string whole = Encoded(extension, 40, 30, {1, 2, 3});
     for (size_t size = 0; size < whole.size(); ++size) {
-      EXPECT_THAT(DecodeFrame(whole.substr(0, size), Format(encoding), {32, 32}), StatusIs(kInvalid)) << size;
+      EXPECT_THAT(CheckAndDecode(whole.substr(0, size), Format(encoding), {32, 32}), StatusIs(kInvalid)) << size;
     }
   }
 }
@@ -107,7 +112,7 @@ TEST(FrameDecoderTest, SurvivesEveryBrokenByte) {
       for (const char value : {'\x00', '\xFF', '\x7F'}) {
         std::string broken = whole;
         broken[at] = value;
-        const auto image = DecodeFrame(broken, Format(encoding), {32, 32});
+        const auto image = CheckAndDecode(broken, Format(encoding), {32, 32});
         if (image.ok()) {
           EXPECT_EQ(image->pixels.size(), 32u * 32 * 3);
         }
@@ -129,7 +134,7 @@ TEST(FrameDecoderTest, TakesThePixelsAsStoredWhateverTheOrientationTag) {
       36);
   jpeg.insert(2, exif);
   EXPECT_THAT(FrameSize(jpeg, Format(FrameEncoding::kJpeg)), IsOkAndHolds(ImageSize{48, 16}));
-  EXPECT_THAT(DecodeFrame(jpeg, Format(FrameEncoding::kJpeg), {48, 16}), IsOk());
+  EXPECT_THAT(CheckAndDecode(jpeg, Format(FrameEncoding::kJpeg), {48, 16}), IsOk());
 }
 
 }  // namespace

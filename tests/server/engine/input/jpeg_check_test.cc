@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/engine/input/frame_decoder.h"
+#include "tests/support/check_and_decode.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
@@ -56,7 +57,7 @@ std::string WithFrameHeader(std::string jpeg, size_t offset, char value) {
 }
 
 absl::Status Decodes(const std::string& jpeg) {
-  return DecodeFrame(jpeg, {FrameEncoding::kJpeg, {}, 10000}, {32, 32}).status();
+  return CheckAndDecode(jpeg, {FrameEncoding::kJpeg, {}, 10000}, {32, 32}).status();
 }
 
 TEST(JpegCheckTest, TakesWhatEncodersMake) {

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/engine/input/frame_decoder.h"
+#include "tests/support/check_and_decode.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
@@ -56,7 +57,7 @@ std::string Text(size_t inflated_bytes) {
   return Chunk("zTXt", absl::StrCat("key", std::string(2, '\0'), Deflated(std::string(inflated_bytes, 'x'))));
 }
 absl::StatusOr<RgbImage> Decode(const std::string& png) {
-  return DecodeFrame(png, {FrameEncoding::kPng, {}, 1000000}, {32, 32});
+  return CheckAndDecode(png, {FrameEncoding::kPng, {}, 1000000}, {32, 32});
 }
 
 TEST(PngCheckTest, TakesEveryKindOfPixels) {
