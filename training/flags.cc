@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
+#include "api/image_size.h"
 #include "model/presets.h"
 #include "training/recipe.h"
 
@@ -189,14 +190,15 @@ absl::StatusOr<std::vector<Phase>> ParsePhases(const std::string& text) {
   for (const absl::string_view part : absl::StrSplit(text, ',')) {
     const std::vector<std::string> fields = absl::StrSplit(part, ':');
     Phase phase;
-    std::vector<std::string> size;
-    if (fields.size() == 4) size = absl::StrSplit(fields[1], 'x');
-    if (size.size() != 2 || !absl::SimpleAtod(fields[0], &phase.until) || !absl::SimpleAtoi(size[0], &phase.width) ||
-        !absl::SimpleAtoi(size[1], &phase.height) || !absl::SimpleAtoi(fields[2], &phase.points) ||
-        !absl::SimpleAtoi(fields[3], &phase.iterations)) {
+    absl::StatusOr<ImageSize> size = ImageSize();
+    if (fields.size() == 4) size = ParseImageSize(fields[1]);
+    if (fields.size() != 4 || !size.ok() || !absl::SimpleAtod(fields[0], &phase.until) ||
+        !absl::SimpleAtoi(fields[2], &phase.points) || !absl::SimpleAtoi(fields[3], &phase.iterations)) {
       return absl::InvalidArgumentError(
           absl::StrCat("--phases: expected until:WIDTHxHEIGHT:points:iterations, got \"", part, "\""));
     }
+    phase.width = size->width;
+    phase.height = size->height;
     phases.push_back(phase);
   }
   return phases;
