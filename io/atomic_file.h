@@ -21,10 +21,9 @@ class PendingFile {
   PendingFile(const PendingFile&) = delete;
   PendingFile& operator=(const PendingFile&) = delete;
 
-  const std::string& path() const { return path_; }
-  // Where to write: a name that nobody else has, in the directory and with the suffix of path().
+  // Where to write: a name that nobody else has, in the directory and with the suffix of 'path'.
   const std::string& temporary() const { return temporary_; }
-  // Syncs what was written, gives it its name and syncs the directory. On an error path() is what it was, and the
+  // Syncs what was written, gives it its name and syncs the directory. On an error 'path' is what it was, and the
   // temporary file goes away with this object. REQUIRES: the file is written and closed.
   absl::Status Commit();
 
