@@ -73,12 +73,17 @@ function(holdfast_isa_test name)
 endfunction()
 
 # holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...]); ctest shows the name as given.
+# A test's own code is optimised lightly: it runs once, and most of the time of a build goes into tests.
 function(holdfast_test name)
   cmake_parse_arguments(A "" "PCH;TIMEOUT" "SOURCES;DEPS;LABELS" ${ARGN})
   string(REPLACE "/" "_" target ${name})
   add_executable(${target} ${A_SOURCES})
   target_link_libraries(${target} PRIVATE ${A_DEPS} GTest::gmock GTest::gtest_main)
+  if(NOT A_PCH)
+    set(A_PCH test)
+  endif()
   _holdfast_common(${target} "${A_PCH}")
+  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
   target_compile_definitions(${target} PRIVATE HOLDFAST_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
   set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
   add_test(NAME ${name} COMMAND ${target})

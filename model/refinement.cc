@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "model/refinement.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "model/ops/correlation.h"
 #include "model/ops/kernel_type.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "model/ops/feature_pyramid.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "model/ops/feature_views.h"
 #include "model/ops/shape_check.h"

@@ -3,7 +3,8 @@
 
 #include <ATen/Parallel.h>
 #include <torch/csrc/autograd/custom_function.h>
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include "model/kernels/correlation.h"
 #include "model/ops/kernel_type.h"

@@ -2,7 +2,7 @@
 #include "server/engine/torch_tracker_model.h"
 
 #include <ATen/Parallel.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <cstring>

@@ -2,7 +2,8 @@
 // Speed of the network's parts and of whole windows. Run it alone on the machine:
 //   build/release/bin/holdfast-model-benchmark [--benchmark_filter=Window] (HOLDFAST_BENCHMARK_THREADS: default 2)
 #include <benchmark/benchmark.h>
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include <cstdlib>
 

@@ -2,7 +2,8 @@
 #include "model/point_model.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include "model/ops/sampling.h"
 #include "tests/support/golden.h"

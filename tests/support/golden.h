@@ -2,7 +2,8 @@
 // Golden vectors of tests/data and the weights they were made with, which are a formula of the parameter's name.
 #pragma once
 
-#include <torch/torch.h>
+#include <torch/nn/module.h>
+#include <torch/types.h>
 
 #include <map>
 #include <string>

@@ -2,7 +2,8 @@
 // Small networks for tests.
 #pragma once
 
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include "model/options.h"
 #include "model/point_model.h"

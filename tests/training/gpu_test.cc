@@ -3,7 +3,8 @@
 // backward. Skipped where LibTorch sees no GPU.
 #include <gtest/gtest.h>
 #include <torch/cuda.h>
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include <vector>
 

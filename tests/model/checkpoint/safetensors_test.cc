@@ -2,7 +2,8 @@
 #include "model/checkpoint/safetensors.h"
 
 #include <gmock/gmock.h>
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include <cstring>
 #include <random>

@@ -2,7 +2,9 @@
 #include "model/ops/convolution.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/nn/modules/conv.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include "tests/support/gradient_check.h"
 

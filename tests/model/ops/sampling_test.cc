@@ -2,7 +2,8 @@
 #include "model/ops/sampling.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include "tests/support/gradient_check.h"
 

@@ -2,7 +2,7 @@
 #include "model/ops/shape_check.h"
 
 #include <gmock/gmock.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 namespace holdfast {
 namespace {

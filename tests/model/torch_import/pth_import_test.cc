@@ -2,7 +2,7 @@
 #include "model/torch_import/pth_import.h"
 
 #include <gmock/gmock.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"

@@ -2,7 +2,7 @@
 #include "model/torch_import/torch_archive.h"
 
 #include <gmock/gmock.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 #include <zip.h>
 
 #include <filesystem>

@@ -2,7 +2,8 @@
 // The engine over the real network: golden numbers through LocalTracker, and the independence of points to the bit.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include <cstdlib>
 #include <memory>
@@ -149,10 +150,9 @@ TEST(TorchEngineTest, RunsTheShippedWeights) {
 torch::Tensor RandomFrames(int64_t count, int64_t height = 64, int64_t width = 96) {
   torch::manual_seed(3);
   const torch::Tensor coarse = torch::rand({count, 3, height / 8, width / 8}) * 255;
-  namespace F = torch::nn::functional;
-  const auto size = std::vector<int64_t>{height, width};
-  const auto options = F::InterpolateFuncOptions().size(size).mode(torch::kBilinear).align_corners(false);
-  return F::interpolate(coarse, options).permute({0, 2, 3, 1}).to(torch::kUInt8).contiguous();
+  const std::vector<int64_t> size = {height, width};
+  const torch::Tensor frames = torch::upsample_bilinear2d(coarse, size, /*align_corners=*/false);
+  return frames.permute({0, 2, 3, 1}).to(torch::kUInt8).contiguous();
 }
 
 TEST(TorchEngineTest, APointIsTheSameToTheBitAloneInACrowdAndAddedLate) {

@@ -2,7 +2,7 @@
 #include "training/loss/clip_targets.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "tests/support/status_matchers.h"
 

@@ -2,7 +2,7 @@
 #include "training/loss/objectness_loss.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <limits>
 

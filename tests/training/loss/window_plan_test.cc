@@ -2,7 +2,7 @@
 #include "training/loss/window_plan.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <cmath>
 
