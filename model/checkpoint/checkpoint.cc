@@ -111,7 +111,8 @@ absl::StatusOr<LoadedModel> LoadChecked(const std::string& path) {
   const auto options = OptionsOf(*file);
   if (!options.ok()) return options.status();
   if (auto s = CheckSize(*file, *options); !s.ok()) return s;
-  LoadedModel loaded{PointModel(*options), std::filesystem::path(path).stem().string(), Sha256Hex(*bytes)};
+  LoadedModel loaded{PointModel(*options), std::filesystem::path(path).stem().string(), Sha256Hex(*bytes),
+                     file->metadata};
   if (const auto name = file->metadata.find(kNameKey); name != file->metadata.end()) loaded.name = name->second;
   if (auto s = CopyParameters(*file, *loaded.model); !s.ok()) return s;
   loaded.model->eval();

@@ -2,6 +2,7 @@
 // Named tensors <-> a network. A checkpoint describes itself: its metadata holds the model options.
 #pragma once
 
+#include <map>
 #include <string>
 
 #include "absl/status/status.h"
@@ -12,9 +13,10 @@
 namespace holdfast {
 
 struct LoadedModel {
-  PointModel model;    // float32, CPU, eval mode
-  std::string name;    // metadata "holdfast.name", or the file's stem
-  std::string sha256;  // of the file, hex
+  PointModel model;                             // float32, CPU, eval mode
+  std::string name;                             // metadata "holdfast.name", or the file's stem
+  std::string sha256;                           // of the file, hex
+  std::map<std::string, std::string> metadata;  // all of it
 };
 
 // Reads a checkpoint and builds the network it describes. Missing, unknown or misshapen parameters are

@@ -6,6 +6,7 @@
 
 #include "absl/status/status.h"
 #include "api/types.h"
+#include "server/engine/evidence.h"
 
 namespace holdfast {
 
@@ -58,6 +59,9 @@ struct EngineOptions {
   SessionLimits limits{/*max_points=*/2048, /*max_frame_bytes=*/int64_t{16} << 20,
                        /*max_frame_pixels=*/int64_t{3840} * 2160,
                        /*max_frames=*/0};
+
+  // For who fits a calibration; empty: nobody. Must be thread-safe where several sessions are open.
+  EvidenceSink evidence;
 
   absl::Status Validate() const;
 };

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <opencv2/core/utility.hpp>
+#include <optional>
 #include <random>
 #include <utility>
 
@@ -12,6 +13,7 @@
 #include "server/engine/input/session_config.h"
 #include "server/engine/scheduler.h"
 #include "server/engine/session.h"
+#include "server/engine/tracks/calibration.h"
 
 namespace holdfast {
 namespace {
@@ -90,8 +92,10 @@ class SessionHandle final : public EngineSession {
 
 class EngineImpl final : public Engine {
  public:
-  EngineImpl(const EngineOptions& options, std::unique_ptr<TrackerModel> model, Clock& clock, EngineMetrics& metrics)
+  EngineImpl(const EngineOptions& options, std::optional<Calibration> calibration, std::unique_ptr<TrackerModel> model,
+             Clock& clock, EngineMetrics& metrics)
       : options_(options),
+        calibration_(std::move(calibration)),
         model_(std::move(model)),
         clock_(clock),
         metrics_(metrics),
@@ -155,12 +159,15 @@ class EngineImpl final : public Engine {
     options.windows.revise_last = options_.chaining == Chaining::kPublished;
     options.provisional = config.send_provisional;
     options.carry_templates = options_.chaining == Chaining::kPublished;
+    options.confidence.calibration = calibration_ ? &*calibration_ : nullptr;
+    options.confidence.sink = options_.evidence ? &options_.evidence : nullptr;
     options.stride = model_->info().stride;
     options.max_cached_frames = accepted.window_frames + accepted.hop_frames + options_.max_pending_frames;
     return options;
   }
 
   const EngineOptions options_;
+  const std::optional<Calibration> calibration_;
   const std::unique_ptr<TrackerModel> model_;
   Clock& clock_;
   EngineMetrics& metrics_;
@@ -180,7 +187,13 @@ absl::StatusOr<std::unique_ptr<Engine>> CreateEngineWithModel(const EngineOption
     return absl::InvalidArgumentError(
         absl::StrCat("hop_frames must be below the model's window of ", model->info().window_frames));
   }
-  return std::make_unique<EngineImpl>(options, std::move(model), clock, metrics);
+  std::optional<Calibration> calibration;
+  if (const std::string& json = model->info().calibration; !json.empty()) {
+    absl::StatusOr<Calibration> parsed = Calibration::FromJson(json);
+    if (!parsed.ok()) return parsed.status();
+    calibration = *std::move(parsed);
+  }
+  return std::make_unique<EngineImpl>(options, std::move(calibration), std::move(model), clock, metrics);
 }
 
 }  // namespace holdfast

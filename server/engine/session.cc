@@ -48,7 +48,7 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
       polish_(options.accepted.polish ? std::make_unique<SessionPolish>(*flow_) : nullptr),
       latency_(metrics),
       ticket_(std::move(ticket)),
-      tracks_(options.windows, options.provisional) {}
+      tracks_(options.windows, options.provisional, options.confidence) {}
 
 absl::StatusOr<Room> Session::PushFrame(Frame frame) {
   const int64_t index = frame.index;

@@ -40,6 +40,7 @@ class Session : public std::enable_shared_from_this<Session> {
     WindowOptions windows;
     bool provisional = true;
     bool carry_templates = false;
+    ConfidenceRule confidence;  // what it borrows outlives the session
     int stride = 8;
     int64_t max_cached_frames = 0;  // above a window, so that a full cache always holds a window that is due
   };

@@ -16,7 +16,7 @@ bool SessionPolish::Start(TrackSet& tracks) {
   int64_t last = 0;
   for (const PointTrack* track : job->tracks) {
     const PointTrack::Unpolished unpolished = track->unpolished();
-    PolishTrack work{flow_.PatchOf(track->serial()), std::nullopt, unpolished.first, {}, unpolished.visible};
+    PolishTrack work{flow_.PatchOf(track->serial()), std::nullopt, unpolished.first, {}, unpolished.visible, {}};
     if (unpolished.previous) work.previous = flow_.ToFlow(*unpolished.previous);
     for (const Position& position : unpolished.positions) work.positions.push_back(flow_.ToFlow(position));
     job->first = std::min(job->first, unpolished.first - 1);
@@ -48,9 +48,12 @@ bool SessionPolish::Finish(TrackSet& tracks, std::vector<PointRun>& runs) {
   }
   const std::unique_ptr<Job> job = std::move(job_);
   for (size_t i = 0; i < job->tracks.size(); ++i) {
-    std::vector<Position> positions;
-    for (const FlowPoint& point : job->work[i].positions) positions.push_back(flow_.ToFeatures(point));
-    if (auto run = tracks.Polish(*job->tracks[i], positions)) runs.push_back(*std::move(run));
+    const PolishTrack& work = job->work[i];
+    std::vector<PointTrack::Polished> polished;
+    for (size_t at = 0; at < work.positions.size(); ++at) {
+      polished.push_back({flow_.ToFeatures(work.positions[at]), work.outcomes[at]});
+    }
+    if (auto run = tracks.Polish(*job->tracks[i], polished)) runs.push_back(*std::move(run));
   }
   return true;
 }

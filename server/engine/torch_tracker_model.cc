@@ -20,6 +20,7 @@
 #include "model/presets.h"
 #include "model/thread_count.h"
 #include "server/engine/precision_switch.h"
+#include "server/engine/tracks/calibration.h"
 
 namespace holdfast {
 namespace {
@@ -278,6 +279,9 @@ absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel 
   ModelInfo info;
   info.name = std::move(loaded.name);
   info.weights_sha256 = std::move(loaded.sha256);
+  if (const auto found = loaded.metadata.find(Calibration::kMetadataKey); found != loaded.metadata.end()) {
+    info.calibration = std::move(found->second);
+  }
   const ModelOptions network = loaded.model->options();
   std::unique_ptr<TorchTrackerModel> model;
   try {

@@ -64,8 +64,9 @@ struct ModelInfo {
   std::string weights_sha256;
   std::string precision;
   std::string device;
-  int window_frames = 24;  // S
-  int stride = 8;          // image pixels a feature pixel
+  std::string calibration;  // of confidence, as Calibration::FromJson takes it; empty: there is none
+  int window_frames = 24;   // S
+  int stride = 8;           // image pixels a feature pixel
 };
 
 // A network that is ready to run. info() and FrameBytes() may be called from any thread; the others from one thread,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/evaluation/evaluator.h"
 
+#include <cmath>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -30,18 +31,18 @@ absl::StatusOr<Trial> MakeTrial(Sample clip) {
   return trial;
 }
 
-Metrics Score(const Trial& trial, ClipEstimate estimate) {
-  ScoredVideo video;
-  video.frame_size = trial.clip.size();
-  video.frames = trial.clip.num_frames();
-  video.points = trial.clip.num_points();
-  video.query_frames = trial.query_frames;
-  video.truth = trial.clip.tracks;
-  video.valid = trial.clip.valid;
-  video.true_visible = trial.clip.visible;
-  video.estimate = std::move(estimate.positions);
-  video.visible = std::move(estimate.visible);
-  return ComputeMetrics(video);
+// [S, N] object ids under the estimates.
+std::vector<int32_t> IdsUnder(const Sample& clip, const std::vector<float>& positions) {
+  std::vector<int32_t> ids;
+  ids.reserve(positions.size() / 2);
+  for (int64_t frame = 0; frame < clip.num_frames(); ++frame) {
+    for (int64_t point = 0; point < clip.num_points(); ++point) {
+      const size_t at = 2 * clip.At(frame, point);
+      const cv::Point2f xy{positions[at], positions[at + 1]};
+      ids.push_back(std::isfinite(xy.x) && std::isfinite(xy.y) ? clip.IdAt(frame, xy) : 0);
+    }
+  }
+  return ids;
 }
 
 absl::StatusOr<SequenceReport> RunMethod(const Trial& trial, ClipTracker& method, const Clock& clock) {
@@ -57,7 +58,9 @@ absl::StatusOr<SequenceReport> RunMethod(const Trial& trial, ClipTracker& method
   report.points = trial.clip.num_points();
   report.frame_size = trial.clip.size();
   report.processing_size = estimate->processing_size;
-  report.metrics = Score(trial, *std::move(estimate));
+  const ScoredVideo video = ToScoredVideo(trial.clip, trial.query_frames, *std::move(estimate));
+  report.metrics = ComputeMetrics(video);
+  report.claims = ClaimsOf(video);
   return report;
 }
 
@@ -97,7 +100,34 @@ Metrics MeanOf(const std::vector<SequenceReport>& sequences) {
   return MeanMetrics(metrics);
 }
 
+std::optional<Reliability> ReliabilityOf(const std::vector<SequenceReport>& sequences) {
+  std::vector<Claim> claims;
+  for (const SequenceReport& sequence : sequences) {
+    claims.insert(claims.end(), sequence.claims.begin(), sequence.claims.end());
+  }
+  return ComputeReliability(claims);
+}
+
 }  // namespace
+
+ScoredVideo ToScoredVideo(const Sample& clip, const std::vector<int64_t>& query_frames, ClipEstimate estimate) {
+  ScoredVideo video;
+  video.frame_size = clip.size();
+  video.frames = clip.num_frames();
+  video.points = clip.num_points();
+  video.query_frames = query_frames;
+  video.truth = clip.tracks;
+  video.valid = clip.valid;
+  video.true_visible = clip.visible;
+  if (clip.has_masks()) {
+    video.object_ids = clip.object_ids;
+    video.estimate_ids = IdsUnder(clip, estimate.positions);
+  }
+  video.estimate = std::move(estimate.positions);
+  video.visible = std::move(estimate.visible);
+  video.confidence = std::move(estimate.confidence);
+  return video;
+}
 
 absl::StatusOr<std::vector<Report>> Evaluate(const Dataset& dataset, const std::vector<ClipTracker*>& methods,
                                              const EvaluationOptions& options, const Clock& clock) {
@@ -113,7 +143,10 @@ absl::StatusOr<std::vector<Report>> Evaluate(const Dataset& dataset, const std::
     return absl::FailedPreconditionError(
         absl::StrCat("all of the ", dataset.size(), " sequences failed; the first, ", first.name, ": ", first.reason));
   }
-  for (Report& report : reports) report.mean = MeanOf(report.sequences);
+  for (Report& report : reports) {
+    report.mean = MeanOf(report.sequences);
+    report.reliability = ReliabilityOf(report.sequences);
+  }
   return reports;
 }
 

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,7 @@
 #include "training/data/dataset.h"
 #include "training/evaluation/clip_tracker.h"
 #include "training/evaluation/metrics.h"
+#include "training/evaluation/reliability.h"
 
 namespace holdfast {
 
@@ -26,6 +28,7 @@ struct SequenceReport {
   ImageSize processing_size;  // at which the method looked at it
   double seconds = 0;         // the method took for all of it
   Metrics metrics;
+  std::vector<Claim> claims;  // empty: the method has no confidence
 };
 
 struct SkippedSequence {
@@ -38,7 +41,8 @@ struct Report {
   std::string method;
   std::vector<SequenceReport> sequences;
   std::vector<SkippedSequence> skipped;
-  Metrics mean;  // over sequences
+  Metrics mean;                            // over sequences
+  std::optional<Reliability> reliability;  // over the claims of all sequences; empty: there are none
 };
 
 struct EvaluationOptions {
@@ -46,6 +50,9 @@ struct EvaluationOptions {
   // Called before each sequence; may be empty.
   std::function<void(size_t index, size_t size)> progress;
 };
+
+// What 'method' said about a clip beside its truth. REQUIRES: as ClipTracker::Track, and it gave the estimate.
+ScoredVideo ToScoredVideo(const Sample& clip, const std::vector<int64_t>& query_frames, ClipEstimate estimate);
 
 // The report of each method, all on the very same clips. A sequence that cannot be read, has no point to follow or
 // fails a method is skipped by every method and listed. Not even one sequence left: FAILED_PRECONDITION naming the

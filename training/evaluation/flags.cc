@@ -33,6 +33,9 @@ ABSL_FLAG(std::string, baseline, "",
 ABSL_FLAG(std::string, suite, "",
           "Evaluates a collection of data sets in place of --format; paper: those of the paper that are below --data, "
           "with its figures beside ours. Empty: no collection.");
+ABSL_FLAG(std::string, calibrate, Defaults().calibrate,
+          "Fits the confidence of estimates to this data, as the probability of being right, and writes the weights "
+          "with it to this file. Fit on other clips than those of an evaluation. Empty: fits nothing.");
 ABSL_FLAG(std::string, json, Defaults().json, "Writes the reports to this file too, as JSON. Empty: to no file.");
 
 // How the network is run.
@@ -163,6 +166,11 @@ absl::StatusOr<EvaluateRequest> RequestFromFlags() {
     return absl::InvalidArgumentError("--data: --suite needs the directory that holds the data sets");
   }
   request.json = absl::GetFlag(FLAGS_json);
+  request.calibrate = absl::GetFlag(FLAGS_calibrate);
+  request.methods.calibrate = !request.calibrate.empty();
+  if (request.methods.calibrate && request.methods.engine.weights_path.empty()) {
+    return absl::InvalidArgumentError("--calibrate: needs --weights");
+  }
   return request;
 }
 

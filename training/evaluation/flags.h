@@ -17,6 +17,7 @@ struct EvaluateRequest {
   ImageSize processing_size;  // empty: the engine's default, or the paper's
   bool suite = false;         // the paper's data sets below data.dir instead of 'data'
   std::string json;           // empty: no file
+  std::string calibrate;      // where the weights with a calibration of their confidence go; empty: none is fitted
 };
 
 // From the values the flags have now. INVALID_ARGUMENT names the flag.

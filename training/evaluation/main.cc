@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "api/clock.h"
 #include "io/atomic_file.h"
+#include "model/checkpoint/metadata.h"
 #include "program/flags.h"
 #include "program/openmp_wait.h"
 #include "training/evaluation/evaluator.h"
@@ -25,9 +26,10 @@ namespace {
 constexpr Program kProgram = {"holdfast-eval",
                               "holdfast-eval --data=DIR --format=FORMAT --weights=FILE [--baseline=lk] [--json=FILE]\n"
                               "holdfast-eval --format=synthetic --count=N --seed=S --weights=FILE\n"
-                              "holdfast-eval --suite=paper --data=DIR --weights=FILE\n\n"
-                              "Prints delta, survival, MTE, OA and AJ of every sequence and their mean. Distances are "
-                              "pixels of a 256x256 frame."};
+                              "holdfast-eval --suite=paper --data=DIR --weights=FILE\n"
+                              "holdfast-eval --format=synthetic --weights=FILE --calibrate=FILE\n\n"
+                              "Prints delta, survival, MTE, OA and AJ of every sequence and their mean, and how far "
+                              "confidence is to be trusted. Distances are pixels of a 256x256 frame."};
 
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
@@ -75,6 +77,15 @@ absl::StatusOr<std::vector<Report>> EvaluateSuite(const EvaluateRequest& request
   return reports;
 }
 
+// Writes the evaluated weights with what their estimates say about confidence.
+absl::Status Calibrate(const EvaluateRequest& request, const EvaluationMethods& methods) {
+  const absl::StatusOr<Calibration> calibration = FitCalibration(methods.judged());
+  if (!calibration.ok()) return calibration.status();
+  const std::string json = calibration->ToJson();
+  std::cout << "confidence, fitted to " << methods.judged().size() << " estimates: " << json << "\n";
+  return CopyWithMetadata(request.methods.engine.weights_path, request.calibrate, Calibration::kMetadataKey, json);
+}
+
 absl::Status Run() {
   const absl::StatusOr<EvaluateRequest> request = RequestFromFlags();
   if (!request.ok()) return request.status();
@@ -87,8 +98,10 @@ absl::Status Run() {
   if (!request->suite) {
     for (const Report& report : *reports) std::cout << FormatReport(report) << "\n";
   }
-  return request->json.empty() ? absl::OkStatus()
-                               : WriteFileAtomically(request->json, ReportsToJson(*reports, SettingsFromFlags()));
+  absl::Status status;
+  if (!request->json.empty()) status = WriteFileAtomically(request->json, ReportsToJson(*reports, SettingsFromFlags()));
+  if (!request->calibrate.empty()) status.Update(Calibrate(*request, **methods));
+  return status;
 }
 
 int Main(const std::vector<std::string>& args) {

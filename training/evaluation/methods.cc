@@ -8,6 +8,7 @@
 #include "api/clock.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/metrics.h"
+#include "training/evaluation/calibrating_clip_tracker.h"
 #include "training/evaluation/lk_baseline.h"
 #include "training/evaluation/stream_clip_tracker.h"
 
@@ -24,7 +25,9 @@ std::string NetworkName(const TrackerInfo& info, Chaining chaining) {
 
 class Methods final : public EvaluationMethods {
  public:
-  explicit Methods(const EvaluationMethodsOptions& options) : options_(options) {}
+  explicit Methods(const EvaluationMethodsOptions& options) : options_(options) {
+    if (options_.calibrate) options_.engine.evidence = evidence_.Sink();
+  }
 
   absl::Status Load() {
     if (options_.engine.weights_path.empty()) return absl::OkStatus();
@@ -42,6 +45,9 @@ class Methods final : public EvaluationMethods {
       options.name = NetworkName(engine_->info(), options_.engine.chaining);
       options.processing_size = processing_size;
       methods.push_back(std::make_unique<StreamClipTracker>(*tracker_, options));
+      if (options_.calibrate) {
+        methods.back() = std::make_unique<CalibratingClipTracker>(std::move(methods.back()), evidence_, judged_);
+      }
     }
     if (options_.lucas_kanade) {
       absl::StatusOr<std::unique_ptr<ClipTracker>> baseline = CreateLucasKanade({});
@@ -51,8 +57,12 @@ class Methods final : public EvaluationMethods {
     return methods;
   }
 
+  const std::vector<Judged>& judged() const override { return judged_; }
+
  private:
-  const EvaluationMethodsOptions options_;
+  EvaluationMethodsOptions options_;
+  EvidenceLog evidence_;
+  std::vector<Judged> judged_;
   SystemClock clock_;
   NullEngineMetrics metrics_;
   std::unique_ptr<Engine> engine_;  // null without weights

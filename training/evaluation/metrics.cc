@@ -16,17 +16,11 @@ struct Pair {
   int64_t frames_since_query = 0;
   double error = 0;  // pixels of a 256x256 frame
   bool truly_visible = false;
-  bool visible = false;  // as estimated
+  bool visible = false;   // as estimated
+  bool has_mask = false;  // it is known what the point and its estimate lie on
+  bool strayed = false;   // on different objects
 };
 using Track = std::vector<Pair>;  // in the order of time
-
-double Error(const ScoredVideo& video, int64_t index) {
-  const double dx = double{video.estimate[2 * index]} - video.truth[2 * index];
-  const double dy = double{video.estimate[2 * index + 1]} - video.truth[2 * index + 1];
-  const double error =
-      std::hypot(dx * kScoredSide / video.frame_size.width, dy * kScoredSide / video.frame_size.height);
-  return std::isfinite(error) ? error : std::numeric_limits<double>::infinity();
-}
 
 Track CollectTrack(const ScoredVideo& video, int64_t point) {
   Track track;
@@ -34,8 +28,11 @@ Track CollectTrack(const ScoredVideo& video, int64_t point) {
   for (int64_t frame = query + 1; frame < video.frames; ++frame) {
     const int64_t index = video.Index(frame, point);
     if (!video.valid[index]) continue;
-    track.push_back({frame - query, Error(video, index), video.true_visible[index] != 0,
-                     !video.visible.empty() && video.visible[index] != 0});
+    Pair pair{frame - query, ScoredError(video, index), video.true_visible[index] != 0,
+              !video.visible.empty() && video.visible[index] != 0};
+    pair.has_mask = !video.estimate_ids.empty() && video.object_ids[point] != 0;
+    pair.strayed = pair.has_mask && video.estimate_ids[index] != video.object_ids[point];
+    track.push_back(pair);
   }
   return track;
 }
@@ -101,17 +98,40 @@ void AddVisibilityMetrics(const std::vector<Track>& tracks, Metrics& metrics) {
   metrics.aj = 100.0 * sum / kThresholds.size();
 }
 
+std::optional<double> ShareStrayed(const std::vector<Track>& tracks) {
+  int64_t pairs = 0;
+  int64_t strayed = 0;
+  for (const Track& track : tracks) {
+    for (const Pair& pair : track) {
+      if (!pair.has_mask || !pair.truly_visible) continue;
+      ++pairs;
+      strayed += pair.strayed;
+    }
+  }
+  if (pairs == 0) return std::nullopt;
+  return 100.0 * strayed / pairs;
+}
+
 }  // namespace
 
-const std::array<MetricColumn, 8>& MetricColumns() {
-  static constexpr std::array<MetricColumn, 8> kColumns = {{{"delta_avg", "d_avg", &Metrics::delta_avg},
+double ScoredError(const ScoredVideo& video, int64_t index) {
+  const double dx = double{video.estimate[2 * index]} - video.truth[2 * index];
+  const double dy = double{video.estimate[2 * index + 1]} - video.truth[2 * index + 1];
+  const double error =
+      std::hypot(dx * kScoredSide / video.frame_size.width, dy * kScoredSide / video.frame_size.height);
+  return std::isfinite(error) ? error : std::numeric_limits<double>::infinity();
+}
+
+const std::array<MetricColumn, 9>& MetricColumns() {
+  static constexpr std::array<MetricColumn, 9> kColumns = {{{"delta_avg", "d_avg", &Metrics::delta_avg},
                                                             {"delta_vis", "d_vis", &Metrics::delta_vis},
                                                             {"delta_occ", "d_occ", &Metrics::delta_occ},
                                                             {"survival_50", "surv50", &Metrics::survival_50},
                                                             {"survival_16", "surv16", &Metrics::survival_16},
                                                             {"mte", "MTE", &Metrics::mte},
                                                             {"oa", "OA", &Metrics::oa},
-                                                            {"aj", "AJ", &Metrics::aj}}};
+                                                            {"aj", "AJ", &Metrics::aj},
+                                                            {"left_object", "left", &Metrics::left_object}}};
   return kColumns;
 }
 
@@ -138,6 +158,7 @@ Metrics ComputeMetrics(const ScoredVideo& video) {
   metrics.survival_16 = survival_16 / tracks.size();
   metrics.mte = median_errors / tracks.size();
   if (!video.visible.empty()) AddVisibilityMetrics(tracks, metrics);
+  metrics.left_object = ShareStrayed(tracks);
   return metrics;
 }
 

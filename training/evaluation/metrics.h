@@ -23,6 +23,9 @@ struct ScoredVideo {
   std::vector<uint8_t> true_visible;  // [S, N]
   std::vector<float> estimate;        // [S, N, 2]
   std::vector<uint8_t> visible;       // [S, N] estimated; empty: the tracker says nothing about visibility
+  std::vector<float> confidence;      // [S, N] in [0, 1]; empty: the tracker says nothing about it
+  std::vector<int32_t> object_ids;    // [N] of the objects the points lie on; 0: unknown
+  std::vector<int32_t> estimate_ids;  // [S, N] of what the estimates lie on; empty: there are no masks
 
   int64_t Index(int64_t frame, int64_t point) const { return frame * points + point; }
 };
@@ -37,6 +40,7 @@ struct Metrics {
   std::optional<double> mte;          // median error of each track, mean over tracks; pixels
   std::optional<double> oa;           // share of pairs whose visibility is right
   std::optional<double> aj;           // average Jaccard of TAP-Vid over the thresholds of delta_avg
+  std::optional<double> left_object;  // share of the truly visible pairs whose estimate lies on another object
 };
 
 struct MetricColumn {
@@ -44,7 +48,10 @@ struct MetricColumn {
   const char* header;  // in tables
   std::optional<double> Metrics::*value;
 };
-const std::array<MetricColumn, 8>& MetricColumns();
+const std::array<MetricColumn, 9>& MetricColumns();
+
+// How far the estimate of a frame and a point is from the truth, in pixels of a 256x256 frame. 'index': see Index().
+double ScoredError(const ScoredVideo& video, int64_t index);
 
 // REQUIRES: the arrays of 'video' have the sizes said above. Tracks without a valid frame after their query count
 // nowhere.

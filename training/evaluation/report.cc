@@ -30,6 +30,18 @@ Json MetricsToJson(const Metrics& metrics) {
   return json;
 }
 
+Json ReliabilityToJson(const Reliability& reliability) {
+  Json json = {{"claims", reliability.claims},
+               {"ece", reliability.ece},
+               {"brier", reliability.brier},
+               {"auc", reliability.auc ? Json(*reliability.auc) : Json()},
+               {"bins", Json::array()}};
+  for (const ReliabilityBin& bin : reliability.bins) {
+    json["bins"].push_back({{"claims", bin.claims}, {"confidence", bin.confidence}, {"right", bin.right}});
+  }
+  return json;
+}
+
 Json ReportToJson(const Report& report) {
   Json json = {{"method", report.method}, {"sequences", Json::array()}, {"skipped", Json::array()}};
   for (const SequenceReport& sequence : report.sequences) {
@@ -45,6 +57,7 @@ Json ReportToJson(const Report& report) {
     json["skipped"].push_back({{"name", skipped.name}, {"reason", skipped.reason}});
   }
   json["mean"] = MetricsToJson(report.mean);
+  json["reliability"] = report.reliability ? ReliabilityToJson(*report.reliability) : Json();
   return json;
 }
 
@@ -92,6 +105,12 @@ std::string FormatReport(const Report& report) {
   AppendMetrics(report.mean, rows.back());
   std::string text = absl::StrCat("# ", report.method, ", processed at ", ProcessingSizes(report), "\n");
   absl::StrAppend(&text, FormatColumns(rows));
+  if (report.reliability) {
+    const Reliability& reliability = *report.reliability;
+    absl::StrAppend(&text, "confidence: ECE ", absl::StrFormat("%.3f, Brier %.3f", reliability.ece, reliability.brier),
+                    reliability.auc ? absl::StrFormat(", AUC %.3f", *reliability.auc) : "", " over ",
+                    reliability.claims, " estimates\n");
+  }
   for (const SkippedSequence& skipped : report.skipped) {
     absl::StrAppend(&text, "skipped ", skipped.name, ": ", skipped.reason, "\n");
   }

@@ -18,6 +18,7 @@ class FinalEstimates final : public TrackObserver {
   explicit FinalEstimates(const Sample& clip) : frames_(clip.num_frames()), points_(clip.num_points()) {
     estimate_.positions.assign(clip.tracks.size(), std::numeric_limits<float>::quiet_NaN());
     estimate_.visible.assign(clip.visible.size(), 0);
+    estimate_.confidence.assign(clip.visible.size(), 0);
   }
 
   void OnAccepted(const SessionAccepted& accepted) override { estimate_.processing_size = accepted.processing_size; }
@@ -50,6 +51,7 @@ class FinalEstimates final : public TrackObserver {
       estimate_.positions[2 * at] = run.x[i];
       estimate_.positions[2 * at + 1] = run.y[i];
       estimate_.visible[at] = run.visible[i];
+      estimate_.confidence[at] = run.confidence[i];
     }
   }
 

@@ -31,9 +31,12 @@ std::vector<Place> PlacesOn(absl::Span<PolishTrack> tracks, int64_t frame) {
 }
 
 // Moves the point of that frame to where it was found, if it was; the search in the next frame goes on from there.
-void MoveTo(const Place& place, std::optional<FlowPoint> found) {
-  if (found) place.track->positions[place.at] = *found;
-  place.track->previous = place.track->positions[place.at];
+// 'how' it was found.
+void MoveTo(const Place& place, std::optional<FlowPoint> found, Evidence::Polish how) {
+  PolishTrack& track = *place.track;
+  if (found) track.positions[place.at] = *found;
+  track.previous = track.positions[place.at];
+  track.outcomes[place.at] = found ? how : Evidence::Polish::kNotFound;
 }
 
 }  // namespace
@@ -43,6 +46,7 @@ void PolishFrame(absl::Span<PolishTrack> tracks, int64_t frame, const FlowPyrami
   std::vector<FlowPoint> from, starts;
   for (const Place& place : PlacesOn(tracks, frame)) {
     PolishTrack& track = *place.track;
+    track.outcomes.resize(place.at + 1, Evidence::Polish::kNotTried);
     const FlowPoint estimate = track.positions[place.at];
     if (!track.visible[place.at]) {
       track.previous.reset();
@@ -53,7 +57,7 @@ void PolishFrame(absl::Span<PolishTrack> tracks, int64_t frame, const FlowPyrami
       found = FindPatch(*track.patch, now, estimate, AtWidth(FromQuery(), now.size().width));
     }
     if (found || !track.previous) {
-      MoveTo(place, found);
+      MoveTo(place, found, Evidence::Polish::kFromQuery);
       continue;
     }
     left.push_back(place);
@@ -61,7 +65,7 @@ void PolishFrame(absl::Span<PolishTrack> tracks, int64_t frame, const FlowPyrami
     starts.push_back(estimate);
   }
   const auto found = FollowPoints(before, now, from, starts, AtWidth(FromBefore(), now.size().width));
-  for (size_t i = 0; i < left.size(); ++i) MoveTo(left[i], found[i]);
+  for (size_t i = 0; i < left.size(); ++i) MoveTo(left[i], found[i], Evidence::Polish::kFromBefore);
 }
 
 }  // namespace holdfast

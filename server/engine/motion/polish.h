@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
+#include "server/engine/evidence.h"
 #include "server/engine/motion/flow.h"
 
 namespace holdfast {
@@ -17,7 +18,8 @@ struct PolishTrack {
   std::optional<FlowPoint> previous;       // polished, on the frame polished last; empty: hidden there
   int64_t first = 0;                       // frame of positions[0]
   std::vector<FlowPoint> positions;
-  std::vector<uint8_t> visible;  // 0 or 1
+  std::vector<uint8_t> visible;            // 0 or 1
+  std::vector<Evidence::Polish> outcomes;  // of the positions polished so far
 };
 
 // Moves the visible positions of one frame to where its picture says: to where the patch around the query is found near

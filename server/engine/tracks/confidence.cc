@@ -14,4 +14,9 @@ float ConfidenceFromMatch(float similarity, float last_step) {
   return likeness / (1.0f + last_step * last_step);
 }
 
+float NetworkConfidence(const Evidence& evidence) {
+  return std::isnan(evidence.visibility_logit) ? ConfidenceFromMatch(evidence.similarity, evidence.last_step)
+                                               : ConfidenceFromLogit(evidence.visibility_logit);
+}
+
 }  // namespace holdfast

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include "server/engine/evidence.h"
+#include "server/engine/tracks/calibration.h"
+
 namespace holdfast {
 
 // A point counts as visible above this confidence, when it is inside the frame.
@@ -14,5 +17,18 @@ float ConfidenceFromLogit(float logit);
 // linear between. 'last_step' (feature pixels moved in the last iteration) halves the result at one feature pixel and
 // hardly matters below a tenth. NaN gives 0.
 float ConfidenceFromMatch(float similarity, float last_step);
+
+// What the network alone says about the point being visible, in [0, 1]: by its visibility head or, without one, by the
+// match.
+float NetworkConfidence(const Evidence& evidence);
+
+// How the estimates of a session are judged.
+struct ConfidenceRule {
+  const Calibration* calibration = nullptr;  // null: the checkpoint has none, the network's word stands
+  const EvidenceSink* sink = nullptr;        // null: nobody wants to hear
+  float Confidence(const Evidence& evidence) const {
+    return calibration == nullptr ? NetworkConfidence(evidence) : calibration->Confidence(evidence);
+  }
+};
 
 }  // namespace holdfast

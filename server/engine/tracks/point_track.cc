@@ -4,12 +4,11 @@
 #include <algorithm>
 #include <utility>
 
-#include "server/engine/tracks/confidence.h"
-
 namespace holdfast {
 
-PointTrack::PointTrack(PointSeed seed, const WindowOptions& windows)
+PointTrack::PointTrack(PointSeed seed, const WindowOptions& windows, const ConfidenceRule& rule)
     : seed_(std::move(seed)),
+      rule_(rule),
       window_frames_(windows.frames),
       polish_(windows.polish),
       schedule_(windows, seed_.frame),
@@ -49,7 +48,7 @@ WindowRow PointTrack::Row(const WindowPlan& plan, absl::Span<const Position> car
 
 void PointTrack::Apply(const WindowPlan& plan, RowEstimate row, const FrameGeometry& geometry) {
   for (int64_t frame = std::max(plan.first, final_before_); frame <= plan.last; ++frame) {
-    const Estimate estimate = Judge(row, frame - plan.first, geometry);
+    const Estimate estimate = Judge(row, plan, frame, geometry);
     if (frame < estimated_before()) {
       estimates_[frame - first_kept_] = estimate;
     } else {
@@ -73,17 +72,19 @@ PointTrack::Unpolished PointTrack::unpolished() const {
   unpolished.previous = previous_;
   for (int64_t frame = reportable_before_; frame < final_before_; ++frame) {
     unpolished.positions.push_back(At(frame).position);
-    unpolished.visible.push_back(At(frame).visible ? 1 : 0);
+    unpolished.visible.push_back(At(frame).seen ? 1 : 0);
   }
   return unpolished;
 }
 
-void PointTrack::Polish(absl::Span<const Position> positions, const FrameGeometry& geometry) {
-  for (const Position& position : positions) {
+void PointTrack::Polish(absl::Span<const Polished> polished, const FrameGeometry& geometry) {
+  for (const Polished& result : polished) {
     Estimate& estimate = estimates_[reportable_before_ - first_kept_];
-    estimate.shown = position;
-    previous_ = estimate.visible ? std::optional<Position>(position) : std::nullopt;
-    estimate.visible = estimate.visible && geometry.Inside(position);
+    estimate.shown = result.position;
+    previous_ = estimate.seen ? std::optional<Position>(result.position) : std::nullopt;
+    estimate.evidence.polish = result.outcome;
+    estimate.confidence = rule_.Confidence(estimate.evidence);
+    estimate.visible = estimate.confidence > kVisibleAbove && geometry.Inside(result.position);
     ++reportable_before_;
   }
 }
@@ -97,18 +98,29 @@ std::optional<PointRun> PointTrack::TakeRun(bool provisional, const FrameGeometr
   run.first_frame = sent_before_;
   run.final_count = std::max<int64_t>(final_end - sent_before_, 0);
   for (int64_t frame = sent_before_; frame < end; ++frame) Append(frame, run, geometry);
+  if (rule_.sink != nullptr) {
+    for (int64_t frame = std::max(sent_before_, seed_.frame + 1); frame < final_end; ++frame) {
+      (*rule_.sink)(id(), frame, At(frame).evidence);
+    }
+  }
   sent_before_ = std::max(sent_before_, final_end);
   Trim();
   return run;
 }
 
-PointTrack::Estimate PointTrack::Judge(const RowEstimate& row, int64_t position, const FrameGeometry& geometry) const {
+PointTrack::Estimate PointTrack::Judge(const RowEstimate& row, const WindowPlan& plan, int64_t frame,
+                                       const FrameGeometry& geometry) const {
+  const int64_t at = frame - plan.first;
   Estimate estimate;
-  estimate.position = estimate.shown = row.positions[position];
-  estimate.confidence = row.visibility_logit.empty()
-                            ? ConfidenceFromMatch(row.similarity[position], row.last_step[position])
-                            : ConfidenceFromLogit(row.visibility_logit[position]);
-  estimate.visible = estimate.confidence > kVisibleAbove && geometry.Inside(estimate.position);
+  estimate.position = estimate.shown = row.positions[at];
+  if (!row.visibility_logit.empty()) estimate.evidence.visibility_logit = row.visibility_logit[at];
+  estimate.evidence.similarity = row.similarity[at];
+  estimate.evidence.last_step = row.last_step[at];
+  estimate.evidence.age = frame - seed_.frame;
+  const bool inside = geometry.Inside(estimate.position);
+  estimate.seen = NetworkConfidence(estimate.evidence) > kVisibleAbove && inside;
+  estimate.confidence = rule_.Confidence(estimate.evidence);
+  estimate.visible = estimate.confidence > kVisibleAbove && inside;
   return estimate;
 }
 

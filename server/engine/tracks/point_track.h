@@ -9,7 +9,9 @@
 
 #include "absl/types/span.h"
 #include "api/types.h"
+#include "server/engine/evidence.h"
 #include "server/engine/tracker_model.h"
+#include "server/engine/tracks/confidence.h"
 #include "server/engine/tracks/geometry.h"
 #include "server/engine/tracks/window.h"
 
@@ -27,7 +29,8 @@ struct PointSeed {
 // own seed and its own windows. Not thread-safe.
 class PointTrack {
  public:
-  PointTrack(PointSeed seed, const WindowOptions& windows);
+  // What 'rule' borrows must outlive the track.
+  PointTrack(PointSeed seed, const WindowOptions& windows, const ConfidenceRule& rule);
 
   PointId id() const { return seed_.query.id; }
   uint64_t serial() const { return seed_.serial; }
@@ -54,14 +57,18 @@ class PointTrack {
   struct Unpolished {
     int64_t first = 0;
     std::vector<Position> positions;
-    std::vector<uint8_t> visible;      // 0 or 1; hidden ones are not to be moved
+    std::vector<uint8_t> visible;      // by the network's word, 0 or 1; hidden ones are not to be moved
     std::optional<Position> previous;  // polished, on frame first - 1; empty: hidden there
   };
   bool waits_for_polish() const { return polish_ && reportable_before_ < final_before_; }
   int64_t reportable_before() const { return reportable_before_; }
   Unpolished unpolished() const;
+  struct Polished {
+    Position position;
+    Evidence::Polish outcome = Evidence::Polish::kNotTried;
+  };
   // Of the frames from reportable_before() on.
-  void Polish(absl::Span<const Position> positions, const FrameGeometry& geometry);
+  void Polish(absl::Span<const Polished> polished, const FrameGeometry& geometry);
 
   // What is new since the last call: frames that became final, and with 'provisional' those after them.
   std::optional<PointRun> TakeRun(bool provisional, const FrameGeometry& geometry);
@@ -76,15 +83,18 @@ class PointTrack {
   struct Estimate {
     Position position;  // windows start from it
     Position shown;     // what is reported: polished
+    Evidence evidence;
     float confidence = 1;
-    bool visible = true;
+    bool seen = true;     // by the network's word, inside the frame
+    bool visible = true;  // as reported
   };
   const Estimate& At(int64_t frame) const { return estimates_[frame - first_kept_]; }
-  Estimate Judge(const RowEstimate& row, int64_t position, const FrameGeometry& geometry) const;
+  Estimate Judge(const RowEstimate& row, const WindowPlan& plan, int64_t frame, const FrameGeometry& geometry) const;
   void Append(int64_t frame, PointRun& run, const FrameGeometry& geometry) const;
   void Trim();
 
   PointSeed seed_;
+  ConfidenceRule rule_;
   int64_t window_frames_;
   bool polish_;
   WindowSchedule schedule_;

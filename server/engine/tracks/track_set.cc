@@ -11,7 +11,7 @@ namespace holdfast {
 void TrackSet::Seed(PointSeed seed) {
   const PointId id = seed.query.id;
   EndTrack(id, /*last_frame=*/seed.frame, /*stop=*/seed.frame);
-  tracks_.push_back(std::make_unique<PointTrack>(std::move(seed), windows_));
+  tracks_.push_back(std::make_unique<PointTrack>(std::move(seed), windows_, rule_));
   live_[id] = tracks_.back().get();
 }
 
@@ -78,8 +78,8 @@ std::vector<PointTrack*> TrackSet::Unpolished() {
   return taken;
 }
 
-std::optional<PointRun> TrackSet::Polish(PointTrack& track, absl::Span<const Position> positions) {
-  track.Polish(positions, geometry_);
+std::optional<PointRun> TrackSet::Polish(PointTrack& track, absl::Span<const PointTrack::Polished> polished) {
+  track.Polish(polished, geometry_);
   return track.TakeRun(provisional_, geometry_);
 }
 

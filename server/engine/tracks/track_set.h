@@ -11,6 +11,7 @@
 #include "absl/types/span.h"
 #include "api/types.h"
 #include "server/engine/tracker_model.h"
+#include "server/engine/tracks/confidence.h"
 #include "server/engine/tracks/feature_cache.h"
 #include "server/engine/tracks/geometry.h"
 #include "server/engine/tracks/point_track.h"
@@ -29,7 +30,9 @@ struct DueRow {
 // bounded by the points and the window, whatever the length of the video. Not thread-safe.
 class TrackSet {
  public:
-  TrackSet(const WindowOptions& windows, bool provisional) : windows_(windows), provisional_(provisional) {}
+  // What 'rule' borrows must outlive the set.
+  TrackSet(const WindowOptions& windows, bool provisional, const ConfidenceRule& rule = {})
+      : windows_(windows), provisional_(provisional), rule_(rule) {}
 
   // Before the first seed.
   void SetGeometry(const FrameGeometry& geometry) { geometry_ = geometry; }
@@ -51,8 +54,8 @@ class TrackSet {
 
   // Tracks that wait to be polished.
   std::vector<PointTrack*> Unpolished();
-  // REQUIRES: 'track' was taken, and 'positions' are those of all frames it had unpolished then.
-  std::optional<PointRun> Polish(PointTrack& track, absl::Span<const Position> positions);
+  // REQUIRES: 'track' was taken, and 'polished' are all frames it had unpolished then.
+  std::optional<PointRun> Polish(PointTrack& track, absl::Span<const PointTrack::Polished> polished);
   bool AnyUnpolished() const;
   // No frame before this one is of use for polishing.
   int64_t oldest_for_polish() const;
@@ -83,6 +86,7 @@ class TrackSet {
 
   const WindowOptions windows_;
   const bool provisional_;
+  const ConfidenceRule rule_;
   FrameGeometry geometry_;
   FeatureCache cache_;
   std::vector<std::unique_ptr<PointTrack>> tracks_;  // in the order they were seeded
