@@ -62,6 +62,9 @@ ABSL_FLAG(std::string, pictures, Defaults().data.pictures,
 ABSL_FLAG(int64_t, clips, Defaults().data.clips,
           "Makes this many different synthetic clips and repeats them, to see whether the network can learn them by "
           "heart. 0: no clip comes twice.");
+ABSL_FLAG(double, alike_share, Defaults().data.alike_share,
+          "Lets the objects of this share of the synthetic clips look like one another or like the background, where "
+          "only what belongs together tells them apart. Validation clips follow it.");
 ABSL_FLAG(bool, augment, Defaults().data.augment,
           "Changes recorded clips at random (colour, crop, scale, ...) each time they are seen.");
 ABSL_FLAG(int, workers, Defaults().workers,
@@ -143,6 +146,7 @@ void DataFromFlags(TrainRequest& request) {
   data.pictures = absl::GetFlag(FLAGS_pictures);
   data.clips = absl::GetFlag(FLAGS_clips);
   data.augment = absl::GetFlag(FLAGS_augment);
+  data.alike_share = absl::GetFlag(FLAGS_alike_share);
   data.frames = request.trainer.recipe.frames;
   data.motion_ramp_clips = request.trainer.recipe.motion_ramp_clips;
   data.seed = absl::GetFlag(FLAGS_seed);

@@ -21,6 +21,7 @@ absl::StatusOr<std::unique_ptr<Dataset>> OpenSynthetic(const TrainingDataOptions
   synthetic.points = phase.points;
   synthetic.pictures = options.pictures;
   synthetic.motion_ramp_clips = options.motion_ramp_clips;
+  synthetic.alike_share = options.alike_share;
   if (options.clips > 0) synthetic.count = static_cast<size_t>(options.clips);
   auto dataset = SyntheticDataset::Create(synthetic);
   if (!dataset.ok()) return dataset.status();

@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 #include "training/clip_source.h"
 #include "training/data/dataset.h"
+#include "training/data/synthetic/synthetic_options.h"
 #include "training/recipe.h"
 
 namespace holdfast {
@@ -22,7 +23,8 @@ struct TrainingDataOptions {
   int64_t clips = 0;                 // synthetic clips there are; 0: never the same twice
   bool augment = true;               // recorded clips
   int64_t frames = 24;
-  int64_t motion_ramp_clips = 0;  // of synthetic, as in SyntheticOptions
+  int64_t motion_ramp_clips = 0;                        // of synthetic, as in SyntheticOptions
+  double alike_share = SyntheticOptions().alike_share;  // the same
   uint64_t seed = 0;
 };
 

@@ -66,6 +66,7 @@ DatasetOr OpenSynthetic(const EvaluationDataOptions& options) {
   synthetic.width = options.size.width;
   synthetic.height = options.size.height;
   synthetic.pictures = options.pictures;
+  synthetic.alike_share = options.alike_share;
   if (options.frames > 0) synthetic.frames = options.frames;
   if (options.points > 0) synthetic.points = options.points;
   return SyntheticDataset::Create(synthetic);

@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "api/types.h"
 #include "training/data/dataset.h"
+#include "training/data/synthetic/synthetic_options.h"
 
 namespace holdfast {
 
@@ -22,7 +23,8 @@ struct EvaluationDataOptions {
   int64_t frames = 0;    // of a clip at most; 0: whole sequences, 24 for synthetic
   int64_t points = 0;    // of a clip at most; 0: all of them, 64 for synthetic
   size_t count = 0;      // sequences at most; 0: all of them, 20 for synthetic
-  uint64_t seed = 1000;  // of synthetic clips; a training's clips have 0 by default
+  double alike_share = SyntheticOptions().alike_share;  // of synthetic, as in SyntheticOptions
+  uint64_t seed = 1000;                                 // of synthetic clips; a training's clips have 0 by default
 };
 
 // "neutral", "pointodyssey", "tapvid", "crohd", "synthetic"

@@ -73,6 +73,8 @@ ABSL_FLAG(std::string, split, Defaults().data.split, "Names the part of PointOdy
 ABSL_FLAG(std::string, pictures, Defaults().data.pictures,
           "Takes the pictures of synthetic clips from this directory's objects/ and backgrounds/. Empty: procedural "
           "textures.");
+ABSL_FLAG(double, alike_share, Defaults().data.alike_share,
+          "Lets the objects of this share of the synthetic clips look like one another or like the background.");
 ABSL_FLAG(holdfast::ImageSize, clip_size, Defaults().data.size, "Makes synthetic clips of WIDTHxHEIGHT pixels.");
 ABSL_FLAG(int64_t, frames, Defaults().data.frames,
           "Takes at most this many frames of a clip. 0: whole sequences, 24 frames of a synthetic clip.");
@@ -131,6 +133,7 @@ absl::StatusOr<EvaluationDataOptions> DataFromFlags() {
   data.dir = absl::GetFlag(FLAGS_data);
   data.split = absl::GetFlag(FLAGS_split);
   data.pictures = absl::GetFlag(FLAGS_pictures);
+  data.alike_share = absl::GetFlag(FLAGS_alike_share);
   data.frames = absl::GetFlag(FLAGS_frames);
   data.points = absl::GetFlag(FLAGS_points);
   if (absl::GetFlag(FLAGS_count) < 0) return absl::InvalidArgumentError("--count: must not be negative");

@@ -197,9 +197,9 @@ absl::Status SceneMaker::AddCover(mix::Range cover) {
 
 void SceneMaker::ChooseLooks() {
   const double look = rng_.Uniform();
-  if (look < mix::kCamouflage) {
+  if (look < mix::kCamouflage * options_.alike_share) {
     textures_.ShareThis(scene_.layers[0].texture);
-  } else if (swarm_ || look < mix::kCamouflage + mix::kSharedLook) {
+  } else if (swarm_ || look < options_.alike_share) {
     textures_.ShareOne();
   }
 }

@@ -63,8 +63,7 @@ constexpr Extent kObjectLeave = {1.2, 0, 0};
 
 constexpr double kSwarm = 0.05;             // of the scenes: many small objects that look alike
 constexpr Range kSwarmSide = {0.06, 0.16};  // of the frame's smaller side
-constexpr double kSharedLook = 0.25;        // of the scenes: all objects look alike
-constexpr double kCamouflage = 0.09;        // of the scenes: objects look like the background
+constexpr double kCamouflage = 0.26;        // of the scenes whose objects look alike: like the background too
 
 constexpr double kCreature = 0.12;            // of the objects have limbs
 constexpr Range kLimbLength = {0.3, 0.9};     // of a limb's first segment, relative to the body

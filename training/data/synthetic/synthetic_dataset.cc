@@ -91,7 +91,8 @@ absl::Status SyntheticOptions::Validate() const {
                                     {"motion_strength", motion_strength},
                                     {"motion_ramp_start", motion_ramp_start},
                                     {"still_share", still_share},
-                                    {"plain_share", plain_share}}) {
+                                    {"plain_share", plain_share},
+                                    {"alike_share", alike_share}}) {
     if (absl::Status status = CheckShare(name, value); !status.ok()) return status;
   }
   return absl::OkStatus();

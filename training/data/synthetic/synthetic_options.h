@@ -24,6 +24,7 @@ struct SyntheticOptions {
   double motion_ramp_start = 0.2;  // [0, 1]
   double still_share = 0.12;       // of the clips that have no motion at all
   double plain_share = 0.12;       // of the clips with faint, blurred or repeated textures
+  double alike_share = 0.34;       // of the clips whose objects look like one another or like the background
   bool photometric = true;         // colour drift, noise, blur, JPEG
   bool motion_blur = true;
   bool shadows = true;

@@ -158,6 +158,34 @@ TEST(SceneTest, WithoutMotionNothingMoves) {
   }
 }
 
+// How much the layers with alpha of one scene differ in their mean colours, over the first 100 scenes.
+double SpreadOfColours(double alike_share) {
+  SyntheticOptions options = Small();
+  options.alike_share = alike_share;
+  options.plain_share = 0;
+  options.occluders = false;
+  double spread = 0;
+  for (size_t i = 0; i < 100; ++i) {
+    cv::Mat colours;  // [layers, 3]
+    for (const Layer& layer : RandomSceneOf(i, options).layers) {
+      if (layer.texture.channels() != 4 || layer.endless) continue;
+      const cv::Scalar sum = cv::sum(layer.texture);
+      colours.push_back(cv::Mat(cv::Matx13d(sum[0], sum[1], sum[2]) * (255 / sum[3])));
+    }
+    if (colours.rows < 2) continue;
+    cv::Mat mean, deviation;
+    cv::meanStdDev(colours.reshape(3), mean, deviation);
+    spread += cv::norm(deviation) / 100;
+  }
+  return spread;
+}
+
+TEST(SceneTest, ObjectsThatAreAlikeHaveSimilarColours) {
+  const double varied = SpreadOfColours(0), alike = SpreadOfColours(1);
+  EXPECT_LT(alike, 0.75 * varied);
+  EXPECT_LT(alike, SpreadOfColours(0.34));
+}
+
 // A bar of smooth colours that swings at the end of another one.
 Scene SwingingArm() {
   Scene scene;

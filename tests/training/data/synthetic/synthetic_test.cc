@@ -285,7 +285,7 @@ TEST(SyntheticTest, ADirectoryWithoutPicturesIsRefused) {
 }
 
 TEST(SyntheticTest, OptionsOutsideTheirRangesAreRefused) {
-  std::vector<SyntheticOptions> wrong(7, Plain());
+  std::vector<SyntheticOptions> wrong(8, Plain());
   wrong[0].frames = 1;
   wrong[1].width = 8;
   wrong[2].points = 0;
@@ -293,6 +293,7 @@ TEST(SyntheticTest, OptionsOutsideTheirRangesAreRefused) {
   wrong[4].still_share = std::nan("");
   wrong[5].count = 0;
   wrong[6].plain_share = -0.1;
+  wrong[7].alike_share = 1.1;
   for (const SyntheticOptions& options : wrong) {
     EXPECT_THAT(SyntheticDataset::Create(options), StatusIs(absl::StatusCode::kInvalidArgument));
   }
