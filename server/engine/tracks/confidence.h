@@ -6,7 +6,8 @@
 
 namespace holdfast {
 
-// A point counts as visible above this confidence, when it is inside the frame.
+// A point counts as visible above this confidence, when it is inside the frame: by the network's word where it is
+// decided what polish moves, by the calibrated confidence where it is reported.
 constexpr float kVisibleAbove = 0.5f;
 
 // From a visibility head: the logistic function of its logit, in [0, 1].
