@@ -11,10 +11,10 @@ import json
 import math
 import sys
 from pathlib import Path
-from xml.sax.saxutils import escape
+
+import svg
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 760, 420, 60, 20, 20, 50
-COLOURS = ("#1f6feb", "#d1242f", "#1a7f37", "#8250df", "#bf8700")
 
 
 def read_curve(directory, metric):
@@ -42,33 +42,25 @@ def draw(curves, baselines, metric):
     highest = max([y for points in curves.values() for _, y in points] + list(baselines.values()), default=0)
     top = 10 * (int(highest) // 10 + 1)
 
-    def at(x, y):
-        return (LEFT + x / longest * (WIDTH - LEFT - RIGHT), HEIGHT - BOTTOM - y / top * (HEIGHT - TOP - BOTTOM))
-
+    panel = svg.Panel(LEFT, TOP, WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM, longest, top)
     parts = []
     for y in range(0, top + 1, 10):
-        (x0, py), (x1, _) = at(0, y), at(longest, y)
-        parts.append(f'<line x1="{x0:.1f}" y1="{py:.1f}" x2="{x1:.1f}" y2="{py:.1f}" stroke="#ddd"/>'
-                     f'<text x="{x0 - 8:.1f}" y="{py + 4:.1f}" text-anchor="end">{y}</text>')
+        px, py = panel.at(0, y)
+        parts += [panel.across(y), svg.text((px - 8, py + 4), f"{y}", anchor="end")]
     for minutes in round_ticks(longest):
-        px, py = at(minutes, 0)
-        parts.append(f'<text x="{px:.1f}" y="{py + 18:.1f}" text-anchor="middle">{minutes:g}</text>')
+        px, py = panel.at(minutes, 0)
+        parts.append(svg.text((px, py + 18), f"{minutes:g}", anchor="middle"))
     for name, value in baselines.items():
-        (x0, py), (x1, _) = at(0, value), at(longest, value)
-        parts.append(f'<line x1="{x0:.1f}" y1="{py:.1f}" x2="{x1:.1f}" y2="{py:.1f}" stroke="#666" '
-                     f'stroke-dasharray="6 4"/><text x="{x1:.1f}" y="{py - 5:.1f}" text-anchor="end">'
-                     f'{escape(name)} {value:.1f}</text>')
+        px, py = panel.at(longest, value)
+        parts += [panel.across(value, stroke="#666", dashed=True),
+                  svg.text((px, py - 5), f"{name} {value:.1f}", anchor="end")]
     for i, (name, points) in enumerate(curves.items()):
-        line = " ".join(f"{x:.1f},{y:.1f}" for x, y in (at(*point) for point in points))
-        colour = COLOURS[i % len(COLOURS)]
-        parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>'
-                     f'<text x="{LEFT + 10}" y="{TOP + 14 + 16 * i}" fill="{colour}">{escape(name)}: '
-                     f'{points[0][1]:.1f} to {points[-1][1]:.1f}</text>')
-    parts.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 10}" text-anchor="middle">minutes of training '
-                 f'(vertical: validation {escape(metric)})</text>')
-    body = "\n".join(parts)
-    return (f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" font-family="sans-serif" '
-            f'font-size="12">\n<rect width="100%" height="100%" fill="white"/>\n{body}\n</svg>\n')
+        parts += [svg.polyline([panel.at(*point) for point in points], svg.colour(i)),
+                  svg.text((LEFT + 10, TOP + 14 + 16 * i), f"{name}: {points[0][1]:.1f} to {points[-1][1]:.1f}",
+                           fill=svg.colour(i))]
+    parts.append(svg.text((WIDTH / 2, HEIGHT - 10), f"minutes of training (vertical: validation {metric})",
+                          anchor="middle"))
+    return svg.document(WIDTH, HEIGHT, parts)
 
 
 def main():
