@@ -42,6 +42,16 @@ def polyline(points, stroke):
     return f'<polyline points="{line_points}" fill="none" stroke="{stroke}" stroke-width="2"/>'
 
 
+def circle(centre, radius, fill):
+    return f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius}" fill="{fill}"/>'
+
+
+def bar(upper_left, lower_right, fill):
+    (left, top), (right, bottom) = upper_left, lower_right
+    return (f'<rect x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}" '
+            f'fill="{fill}"/>')
+
+
 def text(at, content, anchor="start", fill="black"):
     """The point is at the text's start, middle or end (anchor). Characters that XML cannot hold are left out."""
     shown = escape("".join(c for c in content if c.isprintable()))

@@ -28,6 +28,9 @@ class SvgTest(unittest.TestCase):
         self.assertNotIn("dash", plain)
         self.assertIn("stroke-dasharray", dashed)
 
+    def test_a_bar_lies_between_its_corners(self):
+        self.assertIn('x="1.0" y="2.0" width="4.0" height="7.0"', svg.bar((1, 2), (5, 9), "red"))
+
     def test_colours_repeat_when_there_are_more_curves(self):
         self.assertEqual(svg.colour(len(svg.COLOURS)), svg.colour(0))
 
