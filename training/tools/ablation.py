@@ -12,6 +12,7 @@ The tables, <out>/ablation.md and <out>/ablation.json, are written anew after ev
 Flags after "--" go to holdfast-train unchanged, e.g. -- --pictures=DIR.
 """
 import argparse
+import itertools
 import json
 import os
 import statistics
@@ -20,7 +21,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-METRICS = (("delta_avg", "δ_avg ↑"), ("survival_50", "Survival ↑"), ("mte", "MTE ↓"))
+METRICS = (("delta_avg", "δ_avg ↑"), ("survival_50", "Survival ↑"), ("mte", "MTE ↓"), ("left_object", "left object ↓"))
 DEFAULT_ALPHA = 0.15
 
 
@@ -40,7 +41,8 @@ class Variant:
         return flags if self.attention else flags + ["--attention_blocks=0"]
 
 
-# (title, label of the row, variant, the paper's figures on PointOdyssey in the order of METRICS; None: not published)
+# (title, label of the row, variant, the paper's figures on PointOdyssey in the order of METRICS; None, or missing at
+# the end: not published)
 TABLES = {
     "table5": (
         "Objectness loss and contextual attention (the paper's Table 5)",
@@ -131,17 +133,18 @@ def train_and_evaluate(args, variant, seed):
 
 
 def collect(args, variant):
-    """{metric: [one value a finished seed]}"""
-    values = {key: [] for key, _ in METRICS}
+    """{finished seed: its metrics}; data without masks, and older evaluations, lack some."""
+    metrics = {}
     for seed in args.seeds:
         path = args.out / variant.name / f"seed{seed}" / "evaluation.json"
-        if not path.exists():
-            continue
-        mean = json.loads(path.read_text(encoding="utf-8"))["reports"][0]["mean"]
-        for key in values:
-            if mean.get(key) is not None:
-                values[key].append(mean[key])
-    return values
+        if path.exists():
+            metrics[seed] = json.loads(path.read_text(encoding="utf-8"))["reports"][0]["mean"]
+    return metrics
+
+
+def by_seed(metrics, key):
+    """{seed: value} of one metric, without the seeds that lack it."""
+    return {seed: mean[key] for seed, mean in metrics.items() if mean.get(key) is not None}
 
 
 def summary(values):
@@ -158,21 +161,24 @@ def make_tables(args):
     for key, (title, rows) in TABLES.items():
         tables[key] = {"title": title, "rows": []}
         for label, variant, published in rows:
-            values = collect(args, variant)
+            metrics = collect(args, variant)
             tables[key]["rows"].append({
                 "label": label,
                 "variant": variant.name,
-                "ours": {metric: summary(values[metric]) for metric, _ in METRICS},
-                "published": dict(zip((metric for metric, _ in METRICS), published)),
+                "runs": len(metrics),
+                "ours": {metric: summary(list(by_seed(metrics, metric).values())) for metric, _ in METRICS},
+                "published": {metric: figure for (metric, _), figure in itertools.zip_longest(METRICS, published)},
             })
     return tables
 
 
-def cell(entry):
+def cell(entry, runs):
+    """Says so where not all of the row's runs have the metric."""
     if entry["mean"] is None:
         return "–"
     deviation = "" if entry["deviation"] is None else f" ± {entry['deviation']:.1f}"
-    return f"{entry['mean']:.1f}{deviation}"
+    count = len(entry["values"])
+    return f"{entry['mean']:.1f}{deviation}" + ("" if count == runs else f", n = {count}")
 
 
 def to_markdown(args, tables):
@@ -180,7 +186,9 @@ def to_markdown(args, tables):
     lines = [
         f"Preset `{args.preset}`, {budget} a run, seeds {', '.join(map(str, args.seeds))}; evaluated on {args.format}"
         f" data, processed at {args.processing_size}. Mean ± deviation over the seeds. In brackets: the paper, on"
-        " PointOdyssey, processed at 896x512."
+        " PointOdyssey, processed at 896x512. Left object: percent of the estimates of visible points that lie on"
+        " another object; the paper has no such figure. –: nothing measured; n: how many runs have the metric, where"
+        " not all do."
     ]
     for table in tables.values():
         lines += ["", f"## {table['title']}", "", "| | " + " | ".join(header for _, header in METRICS) + " | runs |"]
@@ -189,9 +197,8 @@ def to_markdown(args, tables):
             cells = []
             for metric, _ in METRICS:
                 published = row["published"][metric]
-                cells.append(cell(row["ours"][metric]) + ("" if published is None else f" ({published})"))
-            runs = len(row["ours"]["delta_avg"]["values"])
-            lines.append(f"| {row['label']} | " + " | ".join(cells) + f" | {runs} |")
+                cells.append(cell(row["ours"][metric], row["runs"]) + ("" if published is None else f" ({published})"))
+            lines.append(f"| {row['label']} | " + " | ".join(cells) + f" | {row['runs']} |")
     return "\n".join(lines) + "\n"
 
 

@@ -17,15 +17,17 @@ here=$(dirname "$0")
 echo "$@" >> "$here/calls.txt"
 [ -e "$here/broken" ] && exit 3
 for a in "$@"; do case $a in --out=*) out=${a#--out=} ;; esac; done
-echo "$@" > "$out/final.safetensors"
+echo "$@ " > "$out/final.safetensors"
 """
 
-# delta_avg = 10 * seed, and 1 more with attention.
+# delta_avg = 10 * seed, and 1 more with attention; left_object = 20, and 'seed' less with an objectness loss.
 FAKE_EVAL = """#!/bin/sh
 for a in "$@"; do case $a in --weights=*) w=${a#--weights=} ;; --json=*) j=${a#--json=} ;; esac; done
 seed=$(sed 's/.*--seed=\\([0-9]*\\).*/\\1/' "$w")
 plus=1; grep -q attention_blocks=0 "$w" && plus=0
-echo '{"reports": [{"mean": {"delta_avg": '$((10 * seed + plus))', "survival_50": 50, "mte": null}}]}' > "$j"
+minus=$seed; grep -q -- '--alpha=0 ' "$w" && minus=0
+echo '{"reports": [{"mean": {"delta_avg": '$((10 * seed + plus))', "survival_50": 50, "mte": null,' \
+  '"left_object": '$((20 - minus))'}}]}' > "$j"
 """
 
 
@@ -70,13 +72,22 @@ class AblationTest(unittest.TestCase):
         self.assertEqual(both["ours"]["delta_avg"]["mean"], 16)
         self.assertEqual(both["published"]["delta_avg"], 32.8)
         self.assertIsNone(both["ours"]["mte"]["mean"])
-        self.assertIn("| both | 16.0 ± 7.1 (32.8) | 50.0 ± 0.0 (52.1) | – (37.6) | 2 |", result.stdout)
+        self.assertIsNone(both["published"]["left_object"])
+        self.assertIn("| both | 16.0 ± 7.1 (32.8) | 50.0 ± 0.0 (52.1) | – (37.6) | 18.5 ± 0.7 | 2 |", result.stdout)
         self.assertEqual((self.out / "ablation.md").read_text(), result.stdout[result.stdout.index("Preset"):])
 
     def test_one_seed_has_no_deviation(self):
         self.run_script("--seeds", "3")
         self.assertIsNone(self.tables()["table6"]["rows"][0]["ours"]["delta_avg"]["deviation"])
         self.assertIn("| α = 0 | 31.0 |", (self.out / "ablation.md").read_text())
+
+    def test_evaluations_that_lack_a_metric_count_where_they_have_it(self):
+        self.run_script("--seeds", "1,2")
+        path = self.out / "attention-on_alpha-0" / "seed1" / "evaluation.json"
+        path.write_text('{"reports": [{"mean": {"delta_avg": 11, "survival_50": 50, "mte": 3}}]}')
+        text = self.run_script("--seeds", "1,2").stdout
+        self.assertIn("| α = 0 | 16.0 ± 7.1 | 50.0 ± 0.0 (49.1) | 3.0, n = 1 | 20.0, n = 1 | 2 |", text)
+        self.assertEqual(len(self.calls()), 14, "the older evaluation is kept")
 
     def test_goes_on_where_it_was_stopped(self):
         (self.bin / "broken").touch()
