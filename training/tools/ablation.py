@@ -8,6 +8,7 @@ Table 5: objectness loss x contextual attention. Table 6: weight alpha of the ob
 both are trained once. Each run has a directory of its own, <out>/<variant>/seed<k>: stop the script at any time and
 start it again, and it goes on where it was (finished runs are kept, a run in the middle resumes from its checkpoint).
 The tables, <out>/ablation.md and <out>/ablation.json, are written anew after every run, from the runs there are.
+--tables=table5 trains and writes one of them; what another call trained in the same directory stays.
 
 Flags after "--" go to holdfast-train unchanged, e.g. -- --pictures=DIR.
 """
@@ -66,9 +67,9 @@ TABLES = {
 }
 
 
-def all_variants():
-    """Every variant once, in the order of the tables."""
-    return list(dict.fromkeys(variant for _, rows in TABLES.values() for _, variant, _ in rows))
+def variants_of(tables):
+    """Every variant of these tables once, in their order."""
+    return list(dict.fromkeys(variant for table in tables for _, variant, _ in TABLES[table][1]))
 
 
 def run(command, log):
@@ -158,7 +159,8 @@ def summary(values):
 
 def make_tables(args):
     tables = {}
-    for key, (title, rows) in TABLES.items():
+    for key in args.tables:
+        title, rows = TABLES[key]
         tables[key] = {"title": title, "rows": []}
         for label, variant, published in rows:
             metrics = collect(args, variant)
@@ -211,11 +213,21 @@ def write_tables(args):
     return markdown
 
 
+def table_names(text):
+    """Names separated by commas -> those names, in the order of TABLES."""
+    names = text.split(",")
+    for name in names:
+        if name not in TABLES:
+            raise argparse.ArgumentTypeError(f"there is no {name!r}, but {' and '.join(TABLES)}")
+    return [name for name in TABLES if name in names]
+
+
 def parse(argv):
     own, train_flags = (argv[: argv.index("--")], argv[argv.index("--") + 1 :]) if "--" in argv else (argv, [])
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", type=Path, default=Path("build/release/bin"), help="where the programs are")
     parser.add_argument("--out", type=Path, default=Path("out/ablation"), help="directory of the runs and tables")
+    parser.add_argument("--tables", type=table_names, default=list(TABLES), help=f"some of {','.join(TABLES)}")
     parser.add_argument("--preset", default="small")
     budget = parser.add_mutually_exclusive_group()
     budget.add_argument("--time_budget", default="30m",
@@ -240,7 +252,7 @@ def main(argv):
     check_budget(args)
     # Seed by seed, so that a first complete table is there after a third of the time.
     for seed in args.seeds:
-        for variant in all_variants():
+        for variant in variants_of(args.tables):
             train_and_evaluate(args, variant, seed)
             write_tables(args)
     print(write_tables(args), end="")

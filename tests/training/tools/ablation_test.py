@@ -89,6 +89,26 @@ class AblationTest(unittest.TestCase):
         self.assertIn("| α = 0 | 16.0 ± 7.1 | 50.0 ± 0.0 (49.1) | 3.0, n = 1 | 20.0, n = 1 | 2 |", text)
         self.assertEqual(len(self.calls()), 14, "the older evaluation is kept")
 
+    def test_trains_and_writes_the_tables_asked_for(self):
+        text = self.run_script("--seeds", "1", "--tables", "table5").stdout
+        self.assertEqual(len(self.calls()), 4)
+        self.assertEqual(list(self.tables()), ["table5"])
+        self.assertNotIn("Table 6", text)
+        text = self.run_script("--seeds", "1", "--tables=table6").stdout
+        self.assertEqual(len(self.calls()), 4 + 3, "two of the five are there")
+        self.assertEqual(list(self.tables()), ["table6"])
+        self.assertNotIn("Table 5", text)
+        self.run_script("--seeds", "1", "--tables=table6,table5")
+        self.assertEqual(list(self.tables()), ["table5", "table6"])
+        self.assertEqual(len(self.calls()), 7, "all runs are there")
+
+    def test_refuses_tables_that_do_not_exist(self):
+        for names in ("table7", "table5,", ""):
+            result = self.run_script(f"--tables={names}")
+            self.assertEqual(result.returncode, 2)
+            self.assertIn("but table5 and table6", result.stderr)
+        self.assertFalse(self.out.exists())
+
     def test_goes_on_where_it_was_stopped(self):
         (self.bin / "broken").touch()
         stopped = self.run_script("--seeds", "1")
@@ -105,6 +125,18 @@ class AblationTest(unittest.TestCase):
         mixed = self.run_script("--seeds", "1", "--steps", "20")
         self.assertNotEqual(mixed.returncode, 0)
         self.assertIn("another budget", mixed.stderr)
+
+    def test_goes_on_with_the_budgets_of_earlier_versions(self):
+        self.out.mkdir()
+        budget = {"preset": "small", "time_budget": "30m", "steps": 0, "train_flags": [],
+                  "eval_flags": ["--format=synthetic", "--processing_size=512x384", "--seed=1000", "--count=50"]}
+        text = json.dumps(budget, indent=2) + "\n"
+        (self.out / "budget.json").write_text(text)
+        self.assertEqual(self.run_script("--seeds", "1", "--tables", "table5").returncode, 0)
+        self.assertEqual((self.out / "budget.json").read_text(), text)
+        (self.out / "budget.json").unlink()
+        self.run_script("--seeds", "1")
+        self.assertEqual((self.out / "budget.json").read_text(), text, "and writes the same")
 
     def test_passes_the_budget_and_further_flags_to_every_run(self):
         self.run_script("--seeds", "1", "--steps", "10", "--preset", "test", "--", "--pictures=here")
