@@ -4,17 +4,19 @@
 
   training/tools/ablation.py --bin build/release/bin --out out/ablation --time_budget 30m --seeds 1,2,3
 
-Table 5: objectness loss x contextual attention. Table 6: weight alpha of the objectness loss. Variants that stand in
-both are trained once. Each run has a directory of its own, <out>/<variant>/seed<k>: stop the script at any time and
-start it again, and it goes on where it was (finished runs are kept, a run in the middle resumes from its checkpoint).
-The tables, <out>/ablation.md and <out>/ablation.json, are written anew after every run, from the runs there are.
---tables=table5 trains and writes one of them; what another call trained in the same directory stays.
+Table 5: objectness loss x contextual attention, and what each of the two changes, seed by seed. Table 6: weight alpha
+of the objectness loss. Variants that stand in both are trained once. Each run has a directory of its own,
+<out>/<variant>/seed<k>: stop the script at any time and start it again, and it goes on where it was (finished runs are
+kept, a run in the middle resumes from its checkpoint). The tables, <out>/ablation.md and <out>/ablation.json, are
+written anew after every run, from the runs there are. --tables=table5 trains and writes one of them; what another call
+trained in the same directory stays.
 
 Flags after "--" go to holdfast-train unchanged, e.g. -- --pictures=DIR.
 """
 import argparse
 import itertools
 import json
+import math
 import os
 import statistics
 import subprocess
@@ -65,6 +67,20 @@ TABLES = {
         ],
     ),
 }
+
+# {factor of table 5: [(setting of the other factor, the variant with the factor, the one without)]}
+FACTORS = {
+    "objectness loss": [
+        ("without attention", Variant(False, DEFAULT_ALPHA), Variant(False, 0)),
+        ("with attention", Variant(True, DEFAULT_ALPHA), Variant(True, 0)),
+    ],
+    "contextual attention": [
+        ("without objectness loss", Variant(True, 0), Variant(False, 0)),
+        ("with objectness loss", Variant(True, DEFAULT_ALPHA), Variant(False, DEFAULT_ALPHA)),
+    ],
+}
+CRITICAL_T = {2: 12.71, 3: 4.30, 4: 3.18, 5: 2.78, 6: 2.57, 8: 2.36, 10: 2.26}  # {n: two-sided 5 %, n - 1 degrees}
+NO_DEVIATION = 1e-9  # differences this close to each other differ by rounding alone
 
 
 def variants_of(tables):
@@ -157,13 +173,50 @@ def summary(values):
     }
 
 
+def differences(with_factor, without):
+    """Two variants' {seed: metrics} -> {metric: {seed: difference}}, of the seeds in which both have the metric."""
+    result = {}
+    for key, _ in METRICS:
+        ours, others = by_seed(with_factor, key), by_seed(without, key)
+        result[key] = {seed: ours[seed] - others[seed] for seed in ours if seed in others}
+    return result
+
+
+def mean_of(first, second):
+    """The mean of two such differences, of the seeds that both have."""
+    return {key: {seed: (first[key][seed] + second[key][seed]) / 2 for seed in first[key] if seed in second[key]}
+            for key in first}
+
+
+def paired(by_seeds):
+    """{seed: difference} -> their summary, Student's t against no difference (it needs two that are not equal), and
+    how many are above and below zero."""
+    values = list(by_seeds.values())
+    result = {"seeds": list(by_seeds), **summary(values), "n": len(values), "t": None}
+    if len(values) > 1 and result["deviation"] > NO_DEVIATION:
+        result["t"] = result["mean"] / (result["deviation"] / math.sqrt(len(values)))
+    return {**result, "above_0": sum(value > 0 for value in values), "below_0": sum(value < 0 for value in values)}
+
+
+def make_differences(runs):
+    """A row for each factor and setting of the other one, and their mean: with the factor minus without it."""
+    rows = []
+    for factor, settings in FACTORS.items():
+        found = {setting: differences(runs[ours], runs[others]) for setting, ours, others in settings}
+        found["mean of both"] = mean_of(*found.values())
+        rows += [{"factor": factor, "other": setting, "ours": {key: paired(values[key]) for key in values}}
+                 for setting, values in found.items()]
+    return rows
+
+
 def make_tables(args):
+    runs = {variant: collect(args, variant) for variant in variants_of(args.tables)}
     tables = {}
     for key in args.tables:
         title, rows = TABLES[key]
         tables[key] = {"title": title, "rows": []}
         for label, variant, published in rows:
-            metrics = collect(args, variant)
+            metrics = runs[variant]
             tables[key]["rows"].append({
                 "label": label,
                 "variant": variant.name,
@@ -171,6 +224,8 @@ def make_tables(args):
                 "ours": {metric: summary(list(by_seed(metrics, metric).values())) for metric, _ in METRICS},
                 "published": {metric: figure for (metric, _), figure in itertools.zip_longest(METRICS, published)},
             })
+    if "table5" in tables:
+        tables["table5"]["differences"] = make_differences(runs)
     return tables
 
 
@@ -181,6 +236,31 @@ def cell(entry, runs):
     deviation = "" if entry["deviation"] is None else f" ± {entry['deviation']:.1f}"
     count = len(entry["values"])
     return f"{entry['mean']:.1f}{deviation}" + ("" if count == runs else f", n = {count}")
+
+
+def difference_cell(entry):
+    if entry["mean"] is None:
+        return "–"
+    deviation = "" if entry["deviation"] is None else f" ± {entry['deviation']:.2f}"
+    t = "" if entry["t"] is None else f"t = {entry['t']:.2f}, "
+    return f"{entry['mean']:+.2f}{deviation}; {t}n = {entry['n']}"
+
+
+def differences_to_markdown(rows):
+    """Lines of a section."""
+    critical = ", ".join(f"{t:.2f} for n = {n}" for n, t in CRITICAL_T.items())
+    lines = [
+        "### What each factor changes", "",
+        "A run with the factor minus the one of the same seed without it: mean ± deviation over n seeds. Student's t is"
+        " mean / (deviation / √n); where all seeds agree there is none. Two-sided at 5 %, a difference is more than"
+        f" chance where |t| is above {critical}.", "",
+        "| factor | the other one | " + " | ".join(header for _, header in METRICS) + " |",
+        "|---" * (len(METRICS) + 2) + "|",
+    ]
+    for row in rows:
+        cells = " | ".join(difference_cell(row["ours"][metric]) for metric, _ in METRICS)
+        lines.append(f"| {row['factor']} | {row['other']} | {cells} |")
+    return lines
 
 
 def to_markdown(args, tables):
@@ -201,6 +281,8 @@ def to_markdown(args, tables):
                 published = row["published"][metric]
                 cells.append(cell(row["ours"][metric], row["runs"]) + ("" if published is None else f" ({published})"))
             lines.append(f"| {row['label']} | " + " | ".join(cells) + f" | {row['runs']} |")
+        if "differences" in table:
+            lines += ["", *differences_to_markdown(table["differences"])]
     return "\n".join(lines) + "\n"
 
 

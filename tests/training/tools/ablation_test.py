@@ -13,19 +13,21 @@ SCRIPT = Path(__file__).resolve().parents[3] / "training/tools/ablation.py"
 
 # Appends its arguments to calls.txt and writes "weights" that remember them. Fails when a file named "broken" exists.
 FAKE_TRAIN = """#!/bin/sh
-here=$(dirname "$0")
+here=${0%/*}
 echo "$@" >> "$here/calls.txt"
 [ -e "$here/broken" ] && exit 3
 for a in "$@"; do case $a in --out=*) out=${a#--out=} ;; esac; done
-echo "$@ " > "$out/final.safetensors"
+echo "$@" > "$out/final.safetensors"
 """
 
 # delta_avg = 10 * seed, and 1 more with attention; left_object = 20, and 'seed' less with an objectness loss.
 FAKE_EVAL = """#!/bin/sh
 for a in "$@"; do case $a in --weights=*) w=${a#--weights=} ;; --json=*) j=${a#--json=} ;; esac; done
-seed=$(sed 's/.*--seed=\\([0-9]*\\).*/\\1/' "$w")
-plus=1; grep -q attention_blocks=0 "$w" && plus=0
-minus=$seed; grep -q -- '--alpha=0 ' "$w" && minus=0
+read -r flags < "$w"
+seed=${flags#*--seed=} && seed=${seed%% *}
+plus=1 && minus=$seed
+case "$flags " in *--attention_blocks=0*) plus=0 ;; esac
+case "$flags " in *"--alpha=0 "*) minus=0 ;; esac
 echo '{"reports": [{"mean": {"delta_avg": '$((10 * seed + plus))', "survival_50": 50, "mte": null,' \
   '"left_object": '$((20 - minus))'}}]}' > "$j"
 """
@@ -83,11 +85,67 @@ class AblationTest(unittest.TestCase):
 
     def test_evaluations_that_lack_a_metric_count_where_they_have_it(self):
         self.run_script("--seeds", "1,2")
-        path = self.out / "attention-on_alpha-0" / "seed1" / "evaluation.json"
-        path.write_text('{"reports": [{"mean": {"delta_avg": 11, "survival_50": 50, "mte": 3}}]}')
+        self.rewrite("attention-on_alpha-0", 1, delta_avg=11, survival_50=50, mte=3)
         text = self.run_script("--seeds", "1,2").stdout
         self.assertIn("| α = 0 | 16.0 ± 7.1 | 50.0 ± 0.0 (49.1) | 3.0, n = 1 | 20.0, n = 1 | 2 |", text)
         self.assertEqual(len(self.calls()), 14, "the older evaluation is kept")
+
+    def differences(self):
+        """{(factor, the other one): {metric: difference}}"""
+        return {(row["factor"], row["other"]): row["ours"] for row in self.tables()["table5"]["differences"]}
+
+    def rewrite(self, variant, seed, **mean):
+        path = self.out / variant / f"seed{seed}" / "evaluation.json"
+        path.write_text(json.dumps({"reports": [{"mean": mean}]}))
+
+    def test_differences_pair_the_runs_of_a_seed(self):
+        text = self.run_script("--seeds", "1,2,3", "--tables=table5").stdout
+        self.assertEqual(list(self.differences()), [
+            ("objectness loss", "without attention"), ("objectness loss", "with attention"),
+            ("objectness loss", "mean of both"), ("contextual attention", "without objectness loss"),
+            ("contextual attention", "with objectness loss"), ("contextual attention", "mean of both")])
+        for setting in ("without attention", "with attention", "mean of both"):
+            left = self.differences()["objectness loss", setting]["left_object"]
+            self.assertEqual((left["seeds"], left["values"]), ([1, 2, 3], [-1, -2, -3]))
+            self.assertEqual((left["mean"], left["deviation"], left["n"]), (-2, 1, 3))
+            self.assertAlmostEqual(left["t"], -2 / (1 / 3 ** 0.5))
+            self.assertEqual((left["above_0"], left["below_0"]), (0, 3))
+        self.assertIn("| objectness loss | with attention | +0.00 ± 0.00; n = 3 | +0.00 ± 0.00; n = 3 | – |"
+                      " -2.00 ± 1.00; t = -3.46, n = 3 |", text)
+        self.assertIn("4.30 for n = 3", text)
+
+    def test_differences_that_are_all_equal_have_no_t(self):
+        self.run_script("--seeds", "1,2", "--tables=table5")
+        delta = self.differences()["contextual attention", "mean of both"]["delta_avg"]
+        self.assertEqual((delta["mean"], delta["deviation"], delta["t"]), (1, 0, None))
+        for seed, value in ((1, 0.1), (2, 0.2)):  # differences that differ by rounding alone
+            self.rewrite("attention-off_alpha-0", seed, delta_avg=value)
+            self.rewrite("attention-on_alpha-0", seed, delta_avg=value + 0.2)
+        self.run_script("--seeds", "1,2", "--tables=table5")
+        self.assertIsNone(self.differences()["contextual attention", "without objectness loss"]["delta_avg"]["t"])
+
+    def test_one_seed_has_a_difference_without_deviation(self):
+        text = self.run_script("--seeds", "2", "--tables=table5").stdout
+        self.assertIn("| contextual attention | mean of both | +1.00; n = 1 | +0.00; n = 1 | – | +0.00; n = 1 |", text)
+
+    def test_the_mean_of_both_settings_takes_the_seeds_that_have_all_four_runs(self):
+        self.run_script("--seeds", "1,2,3", "--tables=table5")
+        self.rewrite("attention-off_alpha-0", 2, delta_avg=22)  # as an older evaluation
+        self.rewrite("attention-on_alpha-0", 3, delta_avg=35, left_object=30)
+        self.run_script("--seeds", "1,2,3", "--tables=table5")
+        found = self.differences()
+        self.assertEqual(found["contextual attention", "without objectness loss"]["delta_avg"]["values"], [1, -1, 5])
+        self.assertEqual(found["contextual attention", "with objectness loss"]["delta_avg"]["values"], [1, 1, 1])
+        self.assertEqual(found["contextual attention", "mean of both"]["delta_avg"]["values"], [1, 0, 3])
+        self.assertEqual(found["objectness loss", "without attention"]["left_object"]["seeds"], [1, 3])
+        self.assertEqual(found["objectness loss", "with attention"]["left_object"]["values"], [-1, -2, -13])
+        both = found["objectness loss", "mean of both"]["left_object"]
+        self.assertEqual((both["seeds"], both["values"]), ([1, 3], [-1, -8]))
+
+    def test_differences_belong_to_table_5(self):
+        text = self.run_script("--seeds", "1", "--tables=table6").stdout
+        self.assertNotIn("What each factor changes", text)
+        self.assertNotIn("differences", self.tables()["table6"])
 
     def test_trains_and_writes_the_tables_asked_for(self):
         text = self.run_script("--seeds", "1", "--tables", "table5").stdout
