@@ -26,7 +26,26 @@ function(holdfast_pch name)
   target_link_libraries(pch_${name} PRIVATE holdfast_flags ${A_DEPS})
   if(HOLDFAST_PCH)
     target_precompile_headers(pch_${name} PRIVATE ${A_HEADERS})
+    _holdfast_pch_sum(pch_${name} "${A_HEADERS}")
   endif()
+endfunction()
+
+# What a precompiled header is made of, for ccache: without it ccache reads hundreds of megabytes for every file it
+# compiles, and takes the same header of another checkout for a different one.
+function(_holdfast_pch_sum target headers)
+  string(TOUPPER "${CMAKE_BUILD_TYPE}" type)
+  set(made_of ${CMAKE_CXX_COMPILER_ID} ${CMAKE_CXX_COMPILER_VERSION} ${CMAKE_CXX_FLAGS}
+    ${CMAKE_CXX_FLAGS_${type}} ${HOLDFAST_SANITIZE} ${headers})
+  foreach(header ${headers})
+    string(REGEX REPLACE "[<>]" "" name ${header})
+    string(MAKE_C_IDENTIFIER "HOLDFAST_DIR_OF_${name}" variable)
+    find_path(${variable} ${name} PATHS ${TORCH_INCLUDE_DIRS})
+    mark_as_advanced(${variable})
+    file(TIMESTAMP ${${variable}}/${name} changed)
+    list(APPEND made_of ${changed})
+  endforeach()
+  string(SHA256 sum "${made_of}")
+  file(WRITE ${CMAKE_CURRENT_BINARY_DIR}/CMakeFiles/${target}.dir/cmake_pch.hxx.gch.sum ${sum})
 endfunction()
 
 # holdfast_library(name SOURCES ... [DEPS public...] [PRIVATE_DEPS private...] [PCH torch|grpc]): the library of a
