@@ -32,7 +32,7 @@ class Calibration {
   std::string ToJson() const;
 
   const Features& weights() const { return weights_; }
-  // In (0, 1).
+  // In [0, 1].
   float Confidence(const Evidence& evidence) const;
 
  private:
