@@ -31,5 +31,42 @@ TEST(ConfidenceTest, OfNothingKnownIsZero) {
   EXPECT_EQ(ConfidenceFromMatch(1, nan), 0.0f);
 }
 
+TEST(ConfidenceTest, TheNetworksWordIsItsVisibilityHeads) {
+  Evidence evidence;
+  evidence.visibility_logit = std::log(3.0f);
+  evidence.similarity = -1;  // nothing counts beside the head
+  evidence.last_step = 8;
+  EXPECT_FLOAT_EQ(NetworkConfidence(evidence), 0.75f);
+}
+
+TEST(ConfidenceTest, WithoutAHeadTheNetworksWordIsTheMatch) {
+  Evidence evidence;
+  evidence.similarity = 0.5f;
+  evidence.last_step = 1;
+  EXPECT_FLOAT_EQ(NetworkConfidence(evidence), 0.25f);
+  evidence.age = 1000;
+  evidence.polish = Evidence::Polish::kFromQuery;
+  EXPECT_FLOAT_EQ(NetworkConfidence(evidence), 0.25f) << "the network knows neither";
+}
+
+TEST(ConfidenceTest, WithoutACalibrationTheNetworksWordStands) {
+  Evidence evidence;
+  evidence.visibility_logit = std::log(3.0f);
+  EXPECT_EQ(ConfidenceRule().Confidence(evidence), NetworkConfidence(evidence));
+  evidence.polish = Evidence::Polish::kNotFound;
+  EXPECT_FLOAT_EQ(ConfidenceRule().Confidence(evidence), 0.75f);
+}
+
+TEST(ConfidenceTest, ACalibrationDecidesWhereThereIsOne) {
+  Evidence evidence;
+  evidence.visibility_logit = 20;
+  evidence.polish = Evidence::Polish::kNotFound;
+  const Calibration calibration({0, 0, 0, 0, 0, 0, 0, 0, -std::log(3.0)});  // not_found alone counts
+  const ConfidenceRule rule{&calibration, nullptr};
+  EXPECT_FLOAT_EQ(rule.Confidence(evidence), 0.25f);
+  evidence.polish = Evidence::Polish::kFromQuery;
+  EXPECT_EQ(rule.Confidence(evidence), 0.5f);
+}
+
 }  // namespace
 }  // namespace holdfast
