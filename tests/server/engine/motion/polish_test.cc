@@ -12,6 +12,12 @@
 namespace holdfast {
 namespace {
 
+using ::testing::Each;
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+using Outcome = Evidence::Polish;
+
 constexpr ImageSize kSize{160, 120};
 constexpr FlowPoint kQuery{60, 60};
 constexpr float kStep = 1.5f;  // pixels a frame, to the right
@@ -58,6 +64,8 @@ TEST(PolishTest, MovesEstimatesToWhereThePatchOfTheQueryIs) {
   track.previous.reset();
   Polish({&track, 1}, pictures, 0);
   ExpectExact(track);
+  EXPECT_THAT(track.outcomes,
+              ElementsAre(Outcome::kFromQuery, Outcome::kFromQuery, Outcome::kFromQuery, Outcome::kFromQuery));
 }
 
 TEST(PolishTest, FollowsFromTheFrameBeforeWhereThePatchIsNotFound) {
@@ -66,6 +74,8 @@ TEST(PolishTest, FollowsFromTheFrameBeforeWhereThePatchIsNotFound) {
   track.patch = std::make_shared<FlowPatch>(CutPatch(FlowPyramid(ShiftedTexture(kSize, 0, 0, /*seed=*/7)), kQuery));
   Polish({&track, 1}, pictures, 0);
   ExpectExact(track);
+  EXPECT_THAT(track.outcomes,
+              ElementsAre(Outcome::kFromBefore, Outcome::kFromBefore, Outcome::kFromBefore, Outcome::kFromBefore));
 }
 
 TEST(PolishTest, LeavesHiddenOnesAloneAndDoesNotFollowFromThem) {
@@ -76,6 +86,7 @@ TEST(PolishTest, LeavesHiddenOnesAloneAndDoesNotFollowFromThem) {
   EXPECT_NEAR(track.positions[0].x, kQuery.x + kStep, 0.15f);
   EXPECT_EQ(track.positions[1].x, kQuery.x + 2 * kStep + 1.2f);
   EXPECT_EQ(track.positions[2].x, kQuery.x + 3 * kStep + 1.2f);
+  EXPECT_THAT(track.outcomes, ElementsAre(Outcome::kFromBefore, Outcome::kNotTried, Outcome::kNotFound));
 }
 
 TEST(PolishTest, LeavesAnEstimateThatIsFarFromAnythingAlike) {
@@ -87,6 +98,34 @@ TEST(PolishTest, LeavesAnEstimateThatIsFarFromAnythingAlike) {
   Polish({&track, 1}, pictures, 0);
   EXPECT_EQ(track.positions[0].x, estimate.x);
   EXPECT_EQ(track.positions[0].y, estimate.y);
+  EXPECT_THAT(track.outcomes, ElementsAre(Outcome::kNotFound));
+}
+
+TEST(PolishTest, WhereNothingIsKnownToLookForNothingIsFound) {
+  const auto pictures = Pictures(2);
+  PolishTrack track = Track(1, 0);
+  track.previous.reset();
+  Polish({&track, 1}, pictures, 0);
+  EXPECT_THAT(track.outcomes, ElementsAre(Outcome::kNotFound));
+}
+
+TEST(PolishTest, WhatTheQueryBridgesAfterAHiddenFrameIsFoundFromIt) {
+  const auto pictures = Pictures(4);
+  PolishTrack track = Track(3, 1.2f);
+  track.patch = std::make_shared<FlowPatch>(CutPatch(*pictures[0], kQuery));
+  track.visible = {1, 0, 1};
+  Polish({&track, 1}, pictures, 0);
+  EXPECT_THAT(track.outcomes, ElementsAre(Outcome::kFromQuery, Outcome::kNotTried, Outcome::kFromQuery));
+}
+
+TEST(PolishTest, FramesThatWereNotPolishedHaveNoOutcome) {
+  const auto pictures = Pictures(3);
+  PolishTrack tracks[] = {Track(6, 0.9f), Track(6, 0.9f)};
+  tracks[1].first = 10;
+  Polish(absl::MakeSpan(tracks), pictures, 0);  // up to frame 2
+  EXPECT_THAT(tracks[0].outcomes, SizeIs(2));
+  EXPECT_THAT(tracks[0].outcomes, Each(Outcome::kFromBefore));
+  EXPECT_THAT(tracks[1].outcomes, IsEmpty());
 }
 
 TEST(PolishTest, InPiecesAndBesideOthersItIsTheSameToTheBit) {
@@ -114,6 +153,8 @@ TEST(PolishTest, InPiecesAndBesideOthersItIsTheSameToTheBit) {
   for (size_t i = 0; i < 6; ++i) {
     EXPECT_EQ(whole.positions[i].x, crowd[20].positions[i].x);
     EXPECT_EQ(whole.positions[i].x, (i < 3 ? first.positions[i] : second.positions[i - 3]).x);
+    EXPECT_EQ(whole.outcomes[i], crowd[20].outcomes[i]);
+    EXPECT_EQ(whole.outcomes[i], (i < 3 ? first.outcomes[i] : second.outcomes[i - 3]));
   }
 }
 
