@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -45,6 +46,8 @@ class FakeTrackerModel : public TrackerModel {
   // Called at the beginning of Encode and Refine, on the engine's thread; may block or throw.
   std::function<void()> before_encode = [] {};
   std::function<void(absl::Span<const WindowGroup>)> before_refine = [](absl::Span<const WindowGroup>) {};
+
+  void SetCalibration(std::string json) { info_.calibration = std::move(json); }
 
   const ModelInfo& info() const override { return info_; }
   int64_t FrameBytes(ImageSize) const override { return kFrameBytes; }
