@@ -11,18 +11,22 @@
 #include <utility>
 #include <vector>
 
+#include "model/checkpoint/metadata.h"
 #include "server/engine/engine_with_model.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/torch_tracker_model.h"
+#include "server/engine/tracks/calibration.h"
 #include "tests/support/golden.h"
 #include "tests/support/networks.h"
 #include "tests/support/recorders.h"
 #include "tests/support/simulated_clock.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
 
 namespace holdfast {
 namespace {
 
+using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
 std::unique_ptr<Engine> EngineOf(PointModel model, const EngineOptions& options) {
@@ -249,6 +253,26 @@ TEST(TorchTrackerModelTest, RefusesADeviceThatIsNotThere) {
   NullEngineMetrics metrics;
   EXPECT_THAT(MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, metrics),
               StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
+TEST(TorchTrackerModelTest, HasTheCalibrationOfItsCheckpoint) {
+  NullEngineMetrics metrics;
+  LoadedModel calibrated{RandomModel(), "test", "00", {{Calibration::kMetadataKey, "as it was"}, {"note", "x"}}};
+  EXPECT_EQ((*MakeTorchTrackerModel(std::move(calibrated), Exact({64, 64}), metrics))->info().calibration, "as it was");
+  EXPECT_EQ((*MakeTorchTrackerModel({RandomModel(), "test", "00"}, Exact({64, 64}), metrics))->info().calibration, "");
+}
+
+TEST(EngineTest, RefusesWeightsWithABadCalibration) {
+  const TempDir dir;
+  EngineOptions options = Exact({64, 64});
+  options.weights_path = dir.File("m.safetensors");
+  ASSERT_THAT(CopyWithMetadata(HOLDFAST_SOURCE_DIR "/tests/data/interim.safetensors", options.weights_path,
+                               Calibration::kMetadataKey, "{}"),
+              IsOk());
+  SystemClock clock;
+  NullEngineMetrics metrics;
+  EXPECT_THAT(Engine::Create(options, clock, metrics),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("calibration of confidence")));
 }
 
 TEST(EngineTest, SaysWhenThereAreNoWeights) {
