@@ -5,6 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
 namespace holdfast {
 namespace {
@@ -38,6 +43,12 @@ class Video {
   Video& Hidden(int64_t frame, int64_t point) { return video_.true_visible[video_.Index(frame, point)] = 0, *this; }
   Video& Unknown(int64_t frame, int64_t point) { return video_.valid[video_.Index(frame, point)] = 0, *this; }
   Video& SaidVisible(std::vector<uint8_t> visible) { return video_.visible = std::move(visible), *this; }
+  // The objects that the points lie on, and those that the estimates do, [S, N].
+  Video& Objects(std::vector<int32_t> points, std::vector<int32_t> estimates) {
+    video_.object_ids = std::move(points);
+    video_.estimate_ids = std::move(estimates);
+    return *this;
+  }
   Metrics Score() const { return ComputeMetrics(video_); }
 
  private:
@@ -145,15 +156,54 @@ TEST(MetricsTest, AverageJaccardFollowsTapVid) {
   EXPECT_THAT(metrics.aj, About(100 * (2 * 0.2 + 3 * 0.5) / 5));
 }
 
+TEST(MetricsTest, AnEstimateHasLeftItsObjectWhereAnotherOneIsUnderIt) {
+  // Point 0 lies on object 3 and has left it in one of three frames, point 1 on object 5 in two, once for nothing at
+  // all.
+  EXPECT_THAT(Video(4, 2).Objects({3, 5}, {3, 5, 3, 3, 5, 5, 3, 0}).Score().left_object, About(50));
+  EXPECT_THAT(Video(2, 1).Objects({3}, {3, 3}).Score().left_object, About(0));
+}
+
+TEST(MetricsTest, OnlyVisiblePointsCanHaveLeftTheirObject) {
+  EXPECT_THAT(Video(4, 1).Hidden(2, 0).Objects({3}, {3, 3, 5, 5}).Score().left_object, About(50));
+  EXPECT_FALSE(Video(3, 1).Hidden(1, 0).Hidden(2, 0).Objects({3}, {3, 5, 5}).Score().left_object.has_value());
+}
+
+TEST(MetricsTest, NeitherTheQueryNorFramesWithoutTruthCountForLeftObjects) {
+  const Video video = Video(5, 1).QueryAt(0, 1).Unknown(2, 0).Objects({3}, {5, 5, 5, 3, 5});
+  EXPECT_THAT(video.Score().left_object, About(50));
+}
+
+TEST(MetricsTest, PointsOfUnknownObjectsHaveLeftNone) {
+  EXPECT_THAT(Video(3, 2).Objects({0, 4}, {7, 4, 7, 4, 7, 9}).Score().left_object, About(50));
+  EXPECT_FALSE(Video(3, 1).Objects({0}, {0, 7, 7}).Score().left_object.has_value());
+}
+
+TEST(MetricsTest, WithoutMasksNobodyKnowsWhatHasLeftItsObject) {
+  EXPECT_FALSE(Video(3, 1).Score().left_object.has_value());
+  EXPECT_FALSE(Video(3, 1).Objects({3}, {}).Score().left_object.has_value());
+}
+
+TEST(MetricsTest, EveryMetricIsAColumnOfItsOwn) {
+  std::set<std::string> names, headers;
+  for (const MetricColumn& column : MetricColumns()) {
+    EXPECT_TRUE(names.insert(column.key).second) << column.key;
+    EXPECT_TRUE(headers.insert(column.header).second) << column.header;
+  }
+  EXPECT_EQ(sizeof(Metrics), MetricColumns().size() * sizeof(std::optional<double>));
+  EXPECT_EQ(MetricColumns().back().value, &Metrics::left_object);
+}
+
 TEST(MetricsTest, MeansSkipVideosThatLackTheMetric) {
   Metrics first;
   first.delta_avg = 40;
   first.delta_occ = 10;
   Metrics second;
   second.delta_avg = 60;
+  second.left_object = 4;
   const Metrics mean = MeanMetrics({first, second});
   EXPECT_THAT(mean.delta_avg, About(50));
   EXPECT_THAT(mean.delta_occ, About(10));
+  EXPECT_THAT(mean.left_object, About(4));
   EXPECT_FALSE(mean.mte.has_value());
   EXPECT_FALSE(MeanMetrics({}).delta_avg.has_value());
 }
