@@ -17,6 +17,7 @@ struct FakeEstimate {
   float x = 0;
   float y = 0;
   bool visible = true;
+  float confidence = 1;
 };
 
 // Where a point that was given as 'query' in 'query_frame' is said to be in 'frame'.
@@ -113,7 +114,7 @@ class FakeTracker final : public PointTracker {
         run.x.push_back(final ? estimate.x : estimate.x + 1000);
         run.y.push_back(estimate.y);
         run.visible.push_back(estimate.visible);
-        run.confidence.push_back(1);
+        run.confidence.push_back(final ? estimate.confidence : 1);
       }
       return run;
     }

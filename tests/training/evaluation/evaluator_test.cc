@@ -4,6 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "api/clock.h"
 #include "tests/support/fake_tracker.h"
 #include "tests/support/status_matchers.h"
@@ -14,8 +19,11 @@ namespace holdfast {
 namespace {
 
 using ::testing::DoubleNear;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 using ::testing::Optional;
+using ::testing::SizeIs;
 
 constexpr ImageSize kSize = {256, 256};  // so that a pixel is a scored pixel
 
@@ -29,8 +37,34 @@ class TickingClock final : public Clock {
 };
 
 // Stays where the query was, 'offset' pixels to the right of it.
-FakeTracker::Behaviour Standing(float offset) {
-  return {[offset](const PointQuery& query, int64_t, int64_t) { return FakeEstimate{query.x + offset, query.y}; }};
+FakeTracker::Behaviour Standing(float offset, float confidence = 1) {
+  return {[=](const PointQuery& query, int64_t, int64_t) {
+    return FakeEstimate{query.x + offset, query.y, true, confidence};
+  }};
+}
+
+// As another method, but silent about confidence.
+class Silent final : public ClipTracker {
+ public:
+  explicit Silent(ClipTracker& method) : method_(method) {}
+  std::string name() const override { return "silent"; }
+  absl::StatusOr<ClipEstimate> Track(const Sample& clip, const std::vector<int64_t>& query_frames) override {
+    absl::StatusOr<ClipEstimate> estimate = method_.Track(clip, query_frames);
+    if (estimate.ok()) estimate->confidence.clear();
+    return estimate;
+  }
+
+ private:
+  ClipTracker& method_;
+};
+
+// What a method that stands still beside its points says of a clip.
+Report StandingOn(const Sample& clip, float offset) {
+  FakeTracker tracker(Standing(offset));
+  StreamClipTracker method(tracker, {"standing"});
+  const auto reports = Evaluate(ListDataset({clip}), {&method}, {}, TickingClock());
+  EXPECT_THAT(reports, IsOk());
+  return reports.ok() ? reports->at(0) : Report();
 }
 
 Sample Still(int64_t points) {
@@ -115,6 +149,62 @@ TEST(EvaluatorTest, ASequenceThatFailsOneMethodCountsForNone) {
   EXPECT_EQ((*reports)[0].sequences.size(), 1u);
   ASSERT_EQ((*reports)[0].skipped.size(), 1u);
   EXPECT_THAT((*reports)[0].skipped[0].reason, HasSubstr("bad: the tracker went away"));
+  ASSERT_TRUE((*reports)[0].reliability.has_value());
+  EXPECT_EQ((*reports)[0].reliability->claims, 3) << "of the other sequence";
+}
+
+TEST(EvaluatorTest, ReliabilityIsThatOfTheClaimsOfAllSequences) {
+  // 6 estimates of the points that stand are right, 3 of the one that moves are wrong.
+  const Sample moving = MovingTexture(4, kSize, {40, 0}, {{10, 10}});
+  FakeTracker tracker(Standing(0, /*confidence=*/0.75f));
+  StreamClipTracker method(tracker, {"standing"});
+  const auto reports = Evaluate(ListDataset({Still(2), moving}), {&method}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  const Report& report = (*reports)[0];
+  EXPECT_THAT(report.sequences[0].claims, SizeIs(6));
+  EXPECT_THAT(report.sequences[1].claims, SizeIs(3));
+  ASSERT_TRUE(report.reliability.has_value());
+  EXPECT_EQ(report.reliability->claims, 9);
+  EXPECT_NEAR(report.reliability->ece, 0.75 - 6.0 / 9, 1e-9);
+  EXPECT_NEAR(report.reliability->brier, (6 * 0.0625 + 3 * 0.5625) / 9, 1e-9);
+  EXPECT_THAT(report.reliability->auc, Optional(DoubleNear(0.5, 1e-9)));
+}
+
+TEST(EvaluatorTest, AMethodWithoutConfidenceHasNoReliability) {
+  FakeTracker tracker(Standing(0));
+  StreamClipTracker method(tracker, {"standing"});
+  Silent silent(method);
+  const auto reports = Evaluate(ListDataset({Still(1)}), {&method, &silent}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  EXPECT_TRUE((*reports)[0].reliability.has_value());
+  EXPECT_FALSE((*reports)[1].reliability.has_value());
+  EXPECT_THAT((*reports)[1].sequences[0].claims, IsEmpty());
+}
+
+TEST(EvaluatorTest, MasksSayWhichEstimatesHaveLeftTheirObject) {
+  Sample clip = TwoObjectClip();
+  clip.object_ids = {1, 1, 2, 2};
+  // The points are visible in 5 + 5 + 5 + 1 frames after their queries. 12 pixels to the right of the second one begins
+  // the other object, and of the last one nothing.
+  EXPECT_THAT(StandingOn(clip, 0).mean.left_object, Optional(DoubleNear(0, 1e-9)));
+  EXPECT_THAT(StandingOn(clip, 12).mean.left_object, Optional(DoubleNear(100 * 6.0 / 16, 1e-9)));
+  clip.object_ids = {1, 0, 2, 2};
+  EXPECT_THAT(StandingOn(clip, 12).mean.left_object, Optional(DoubleNear(100 * 1.0 / 11, 1e-9)));
+  clip.masks.clear();
+  EXPECT_FALSE(StandingOn(clip, 12).mean.left_object.has_value());
+}
+
+TEST(EvaluatorTest, UnderAnEstimateThatIsNoPlaceLiesNothing) {
+  Sample clip = TwoObjectClip();
+  clip.SelectPoints({0, 2});
+  ClipEstimate estimate;
+  estimate.positions.assign(clip.tracks.size(), 40);
+  const size_t frame_3 = 2 * clip.At(3, 0);
+  estimate.positions[frame_3] = std::numeric_limits<float>::quiet_NaN();
+  estimate.positions[frame_3 + 2] = 1e30f;
+  const ScoredVideo video = ToScoredVideo(clip, {0, 0}, estimate);
+  EXPECT_THAT(video.estimate_ids, ElementsAre(2, 2, 2, 2, 2, 2, 0, 0, 2, 2, 2, 2));
+  EXPECT_EQ(video.object_ids, clip.object_ids);
 }
 
 TEST(EvaluatorTest, NothingLeftToScoreIsAnErrorThatSaysWhy) {

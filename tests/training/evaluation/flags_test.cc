@@ -67,6 +67,23 @@ TEST_F(EvaluateFlagsTest, ReadsSizesAndChoices) {
   EXPECT_EQ(request->data.count, 7u);
 }
 
+TEST_F(EvaluateFlagsTest, CalibratesWhenToldWhere) {
+  const auto without = Request({"--weights=w"});
+  ASSERT_THAT(without, IsOk());
+  EXPECT_EQ(without->calibrate, "");
+  EXPECT_FALSE(without->methods.calibrate);
+  const auto with = Request({"--weights=w", "--calibrate=to.safetensors"});
+  ASSERT_THAT(with, IsOk());
+  EXPECT_EQ(with->calibrate, "to.safetensors");
+  EXPECT_TRUE(with->methods.calibrate);
+  EXPECT_EQ(with->methods.engine.weights_path, "w");
+}
+
+TEST_F(EvaluateFlagsTest, CalibratesNothingWithoutWeights) {
+  EXPECT_THAT(Request({"--calibrate=to.safetensors", "--baseline=lk"}),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--calibrate: needs --weights")));
+}
+
 TEST_F(EvaluateFlagsTest, RefusesWhatItDoesNotKnowByTheFlagsName) {
   EXPECT_THAT(ParseFlags({"--processing_size=640"}),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--processing_size")));

@@ -13,13 +13,14 @@
 namespace holdfast {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 constexpr ImageSize kSize = {48, 32};
 
-// Two frames' worth of movement a frame, hidden on odd frames.
+// Two frames' worth of movement a frame, hidden on odd frames and less confident on later ones.
 FakeEstimate Slide(const PointQuery& query, int64_t query_frame, int64_t frame) {
-  return {query.x + 2.0f * (frame - query_frame), query.y, frame % 2 == 0};
+  return {query.x + 2.0f * (frame - query_frame), query.y, frame % 2 == 0, 1 - 0.125f * (frame - query_frame)};
 }
 
 FakeTracker::Behaviour Sliding() { return {Slide}; }
@@ -36,6 +37,15 @@ TEST(StreamClipTrackerTest, TakesTheFinalEstimatesOnly) {
   EXPECT_EQ(estimate->visible[clip.At(3, 0)], 0);
   EXPECT_EQ(estimate->visible[clip.At(4, 0)], 1);
   EXPECT_TRUE(std::isnan(estimate->positions[2 * clip.At(2, 1)])) << "before the query there is no estimate";
+}
+
+TEST(StreamClipTrackerTest, TakesTheConfidenceOfFinalEstimatesOver) {
+  FakeTracker tracker(Sliding());
+  const Sample clip = Clip();
+  const auto estimate = StreamClipTracker(tracker, {"fake"}).Track(clip, {0, 3});
+  ASSERT_THAT(estimate, IsOk());
+  // By frame, of both points in turn; before the query there is no estimate to trust.
+  EXPECT_THAT(estimate->confidence, ElementsAre(1, 0, 0.875f, 0, 0.75f, 0, 0.625f, 1, 0.5f, 0.875f));
 }
 
 TEST(StreamClipTrackerTest, GivesEachPointInTheFrameOfItsQuery) {

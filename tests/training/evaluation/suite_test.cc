@@ -63,8 +63,9 @@ TEST_F(SuiteTest, EvaluatesTheDataSetsThatArePresentAndNamesTheOthers) {
 TEST_F(SuiteTest, ShowsTheMethodsFiguresUnderThePapers) {
   const std::string table =
       FormatSuite({{PaperResults()[1], Ours(12.5)}, {PaperResults()[2], absl::NotFoundError("absent: get it")}});
-  EXPECT_THAT(table, HasSubstr("TAP-Vid-DAVIS     paper    896x512   69.5      -      -    94.6       -   4.8   -   -\n"
-                               "               holdfast    896x512   12.5"));
+  EXPECT_THAT(table,
+              HasSubstr("TAP-Vid-DAVIS     paper    896x512   69.5      -      -    94.6       -   4.8   -   -     -\n"
+                        "               holdfast    896x512   12.5"));
   EXPECT_THAT(table, HasSubstr("\nCroHD: absent: get it\n"));
 }
 
