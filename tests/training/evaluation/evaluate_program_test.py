@@ -3,6 +3,7 @@
 """holdfast-eval as its users run it. Arguments: the program, the repository."""
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -11,6 +12,7 @@ from pathlib import Path
 
 PROGRAM, REPOSITORY = sys.argv[1], Path(sys.argv[2])
 SMALL = ["--format=synthetic", "--count=2", "--frames=10", "--points=6", "--clip_size=128x96"]
+WEIGHTS = REPOSITORY / "weights/small.safetensors"
 
 
 def evaluate(*flags, **environment):
@@ -21,8 +23,7 @@ class EvaluateProgramTest(unittest.TestCase):
     def test_compares_weights_and_baseline_on_the_same_clips(self):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "report.json"
-            weights = REPOSITORY / "weights/small.safetensors"
-            result = evaluate(*SMALL, f"--weights={weights}", "--processing_size=128x96", "--baseline=lk",
+            result = evaluate(*SMALL, f"--weights={WEIGHTS}", "--processing_size=128x96", "--baseline=lk",
                               f"--json={path}")
             self.assertEqual(result.returncode, 0, result.stderr)
             ours, baseline = json.loads(path.read_text())["reports"]
@@ -33,6 +34,35 @@ class EvaluateProgramTest(unittest.TestCase):
         self.assertEqual(ours["sequences"][0]["processing_size"], {"width": 128, "height": 96})
         self.assertGreater(ours["mean"]["delta_avg"], 0)
         self.assertIn("processed at 128x96", result.stdout)
+
+    def test_calibrates_confidence_to_the_clips_it_evaluates(self):
+        def calibrate(weights, calibrated):
+            """Of the weights before they are calibrated."""
+            with tempfile.NamedTemporaryFile() as report:
+                result = evaluate(*SMALL, f"--weights={weights}", "--processing_size=128x96", "--precision=float32",
+                                  "--baseline=lk", f"--calibrate={calibrated}", f"--json={report.name}")
+                self.assertEqual(result.returncode, 0, result.stderr)
+                ours, baseline = json.loads(Path(report.name).read_text())["reports"]
+            self.assertIsNone(baseline["reliability"])
+            claims = ours["reliability"]["claims"]
+            self.assertEqual(claims, 2 * 6 * 9)  # every estimate after the queries in the first frames
+            self.assertIn(f"over {claims} estimates", result.stdout)
+            self.assertIn(f"confidence, fitted to {claims} estimates: {{", result.stdout)
+            return ours
+
+        with tempfile.TemporaryDirectory() as folder:
+            calibrated, again, same = (Path(folder) / name for name in ("calibrated", "again", "same"))
+            before = calibrate(WEIGHTS, calibrated)
+            after = calibrate(calibrated, again)
+            self.assertLessEqual(after["reliability"]["ece"], before["reliability"]["ece"])
+            self.assertLessEqual(after["reliability"]["brier"], before["reliability"]["brier"])
+            self.assertEqual(after["mean"]["delta_avg"], before["mean"]["delta_avg"])
+            # What is fitted does not depend on a calibration that was there, nor on whether the file is the same.
+            self.assertEqual(again.read_bytes(), calibrated.read_bytes())
+            shutil.copy(WEIGHTS, same)
+            calibrate(same, same)
+            self.assertEqual(same.read_bytes(), calibrated.read_bytes())
+            self.assertNotEqual(same.read_bytes(), WEIGHTS.read_bytes())
 
     def test_the_same_seed_gives_the_same_figures(self):
         def mean(seed):
@@ -56,7 +86,8 @@ class EvaluateProgramTest(unittest.TestCase):
     def test_wrong_use_ends_with_code_2_and_names_the_flag(self):
         for flags, message in ((["--baseline=raft"], "--baseline"), (["--colour"], "--colour"),
                                (["--baseline=lk", "--format=avi"], "avi"), ([], "nothing to evaluate"),
-                               (["--baseline=lk", "clip.mp4"], "clip.mp4")):
+                               (["--baseline=lk", "clip.mp4"], "clip.mp4"),
+                               (["--baseline=lk", "--calibrate=calibrated"], "--calibrate: needs --weights")):
             result = evaluate(*flags)
             self.assertEqual(result.returncode, 2, flags)
             self.assertIn(message, result.stderr)
@@ -66,6 +97,9 @@ class EvaluateProgramTest(unittest.TestCase):
         self.assertEqual(result.returncode, 1)
         self.assertIn("/nowhere.safetensors", result.stderr)
         self.assertEqual(evaluate("--baseline=lk", "--format=crohd", "--data=/nowhere").returncode, 1)
+        result = evaluate(*SMALL, f"--weights={WEIGHTS}", "--processing_size=128x96", "--calibrate=/nowhere/calibrated")
+        self.assertEqual(result.returncode, 1)
+        self.assertIn("/nowhere/calibrated", result.stderr)
 
     def test_help_names_the_flags(self):
         result = evaluate("--help")
