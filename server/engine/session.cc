@@ -22,6 +22,7 @@ std::unique_ptr<SessionFlow> MakeFlow(const Session::Options& options) {
   flow.live = options.accepted.emit == Emit::kEveryFrame;
   flow.patches = options.accepted.polish;
   flow.window_frames = options.windows.frames;
+  flow.visible_above = options.confidence.visible_above();
   return std::make_unique<SessionFlow>(flow);
 }
 

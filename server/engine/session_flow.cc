@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "server/engine/tracks/confidence.h"
-
 namespace holdfast {
 namespace {
 
@@ -130,7 +128,7 @@ PointRun SessionFlow::RunOf(const Entry& entry, const Chain& chain, int64_t end)
     run.x.push_back(queried ? entry.query.x : geometry_.ToFrameX(at));
     run.y.push_back(queried ? entry.query.y : geometry_.ToFrameY(at));
     run.confidence.push_back(confidence);
-    run.visible.push_back(confidence > kVisibleAbove && geometry_.Inside(at) ? 1 : 0);
+    run.visible.push_back(confidence > options_.visible_above && geometry_.Inside(at) ? 1 : 0);
   }
   return run;
 }

@@ -32,6 +32,7 @@ class SessionFlow {
     bool live = false;    // chains reach to the newest frame and are reported; otherwise only as far as windows need
     bool patches = true;  // the surroundings of each query are kept
     int64_t window_frames = 24;
+    float visible_above = 0.5f;  // confidence of what is reported as visible
   };
   explicit SessionFlow(const Options& options) : options_(options) {}
 

@@ -6,9 +6,11 @@
 
 namespace holdfast {
 
-// A point counts as visible above this confidence, when it is inside the frame: by the network's word where it is
-// decided what polish moves, by the calibrated confidence where it is reported.
+// By the network's word a point is visible above this.
 constexpr float kVisibleAbove = 0.5f;
+// By a calibrated confidence, which is of being visible and right. Low, as many visible points are followed coarsely: on
+// annotated video the share of right verdicts falls above it, while what is below is hidden or lost.
+constexpr float kCalibratedVisibleAbove = 0.1f;
 
 // From a visibility head: the logistic function of its logit, in [0, 1].
 float ConfidenceFromLogit(float logit);
@@ -27,6 +29,8 @@ float NetworkConfidence(const Evidence& evidence);
 struct ConfidenceRule {
   const Calibration* calibration = nullptr;  // null: the checkpoint has none, the network's word stands
   const EvidenceSink* sink = nullptr;        // null: nobody wants to hear
+  // A point inside the frame is reported as visible above this confidence.
+  float visible_above() const { return calibration == nullptr ? kVisibleAbove : kCalibratedVisibleAbove; }
   float Confidence(const Evidence& evidence) const {
     return calibration == nullptr ? NetworkConfidence(evidence) : calibration->Confidence(evidence);
   }

@@ -84,7 +84,7 @@ void PointTrack::Polish(absl::Span<const Polished> polished, const FrameGeometry
     previous_ = estimate.seen ? std::optional<Position>(result.position) : std::nullopt;
     estimate.evidence.polish = result.outcome;
     estimate.confidence = rule_.Confidence(estimate.evidence);
-    estimate.visible = estimate.confidence > kVisibleAbove && geometry.Inside(result.position);
+    estimate.visible = estimate.confidence > rule_.visible_above() && geometry.Inside(result.position);
     ++reportable_before_;
   }
 }
@@ -120,7 +120,7 @@ PointTrack::Estimate PointTrack::Judge(const RowEstimate& row, const WindowPlan&
   const bool inside = geometry.Inside(estimate.position);
   estimate.seen = NetworkConfidence(estimate.evidence) > kVisibleAbove && inside;
   estimate.confidence = rule_.Confidence(estimate.evidence);
-  estimate.visible = estimate.confidence > kVisibleAbove && inside;
+  estimate.visible = estimate.confidence > rule_.visible_above() && inside;
   return estimate;
 }
 

@@ -91,7 +91,7 @@ class CalibratedEngineTest : public EngineTest {
 };
 
 TEST_F(CalibratedEngineTest, TheModelsCalibrationJudgesEveryEstimate) {
-  model_->SetCalibration(Calibration({-std::log(3.0)}).ToJson());
+  model_->SetCalibration(Calibration({-std::log(19.0)}).ToJson());
   RecordingListener listener;
   auto session = Open(Config({{7, 10, 20}}), listener);
   PushFrames(*session, listener, 0, 40);
@@ -101,7 +101,7 @@ TEST_F(CalibratedEngineTest, TheModelsCalibrationJudgesEveryEstimate) {
     for (const PointRun& run : update.runs) {
       for (size_t i = 0; i < run.confidence.size(); ++i) {
         const bool queried = run.first_frame + static_cast<int64_t>(i) == 0;
-        EXPECT_FLOAT_EQ(run.confidence[i], queried ? 1 : 0.25f);
+        EXPECT_FLOAT_EQ(run.confidence[i], queried ? 1 : 0.05f);
         EXPECT_EQ(run.visible[i], queried ? 1 : 0);
       }
     }

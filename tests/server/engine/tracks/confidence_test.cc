@@ -68,5 +68,11 @@ TEST(ConfidenceTest, ACalibrationDecidesWhereThereIsOne) {
   EXPECT_EQ(rule.Confidence(evidence), 0.5f);
 }
 
+TEST(ConfidenceTest, WhatIsProbablyLostIsStillVisibleWhereConfidenceIsCalibrated) {
+  const Calibration calibration({0});
+  EXPECT_EQ(ConfidenceRule().visible_above(), 0.5f);
+  EXPECT_EQ((ConfidenceRule{&calibration, nullptr}.visible_above()), 0.1f);
+}
+
 }  // namespace
 }  // namespace holdfast

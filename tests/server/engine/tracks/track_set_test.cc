@@ -20,6 +20,7 @@ namespace {
 
 using ::testing::Each;
 using ::testing::ElementsAre;
+using ::testing::FloatEq;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
@@ -502,7 +503,7 @@ TEST(TrackSetTest, ACalibrationMayTrustWhatTheNetworkDoesNot) {
 }
 
 TEST(TrackSetTest, ACalibrationMayDoubtWhatTheNetworkDoesNot) {
-  const Calibration doubting({-std::log(3.0)});
+  const Calibration doubting({-std::log(19.0)});
   Harness harness({24, 8, /*early=*/true, /*polish=*/true}, /*provisional=*/true, &doubting);
   harness.Frame();
   harness.Seed(1);
@@ -515,7 +516,7 @@ TEST(TrackSetTest, ACalibrationMayDoubtWhatTheNetworkDoesNot) {
   EXPECT_TRUE(harness.tracks().Unpolished()[0]->unpolished().previous.has_value())
       << "polish goes on from what the network saw";
   for (const auto& [frame, verdict] : FinalVerdicts(harness.runs(), 1)) {
-    EXPECT_FLOAT_EQ(verdict.confidence, frame == 0 ? 1 : 0.25f);
+    EXPECT_FLOAT_EQ(verdict.confidence, frame == 0 ? 1 : 0.05f);
     EXPECT_EQ(verdict.visible, frame == 0);
   }
 }
@@ -531,7 +532,9 @@ TEST(TrackSetTest, NoCalibrationMakesAPointVisibleOutsideTheFrame) {
 }
 
 TEST(TrackSetTest, ThePolishOutcomeCountsInTheFinalConfidence) {
-  const Calibration by_outcome = ThreeQuartersBy(kFoundFromQuery);
+  Calibration::Features weights{-std::log(19.0)};
+  weights[kFoundFromQuery] = std::log(19.0) + std::log(3.0);
+  const Calibration by_outcome(weights);
   Harness harness({24, 8, /*early=*/false, /*polish=*/true}, /*provisional=*/true, &by_outcome);
   harness.Frame();
   harness.Seed(1);
@@ -540,13 +543,13 @@ TEST(TrackSetTest, ThePolishOutcomeCountsInTheFinalConfidence) {
       [](int64_t frame) { return frame % 2 == 0 ? Evidence::Polish::kFromQuery : Evidence::Polish::kNotFound; });
   for (const auto& [frame, verdict] : FinalVerdicts(harness.runs(), 1)) {
     if (frame == 0) continue;
-    EXPECT_FLOAT_EQ(verdict.confidence, frame % 2 == 0 ? 0.75f : 0.5f) << frame;
+    EXPECT_FLOAT_EQ(verdict.confidence, frame % 2 == 0 ? 0.75f : 0.05f) << frame;
     EXPECT_EQ(verdict.visible, frame % 2 == 0) << frame;
   }
   ASSERT_THAT(harness.runs(), SizeIs(1));
   const PointRun& run = harness.runs().front();
   ASSERT_THAT(run.confidence, SizeIs(24));
-  EXPECT_THAT(std::vector<float>(run.confidence.begin() + run.final_count, run.confidence.end()), Each(0.5f))
+  EXPECT_THAT(std::vector<float>(run.confidence.begin() + run.final_count, run.confidence.end()), Each(FloatEq(0.05f)))
       << "provisional ones are not polished";
 }
 
