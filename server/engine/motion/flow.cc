@@ -53,14 +53,15 @@ RoundTrip GoAndReturn(cv::InputArray from, cv::InputArray to, const Points& poin
   return trip;
 }
 
-bool Within(const cv::Point2f& a, const cv::Point2f& b, float limit) {
-  return std::hypot(a.x - b.x, a.y - b.y) <= limit;  // false for NaN
-}
+float Distance(const cv::Point2f& a, const cv::Point2f& b) { return std::hypot(a.x - b.x, a.y - b.y); }
 
-bool Accepted(const RoundTrip& trip, size_t i, const cv::Point2f& point, const cv::Point2f& start,
-              const FlowLimits& limits) {
-  return trip.found[i] && Within(trip.back[i], point, limits.round_trip) && Within(trip.to[i], start, limits.move) &&
-         trip.difference[i] < limits.difference;
+// Of point i, whose search began at 'start'.
+std::optional<FlowMatch> MatchOf(const RoundTrip& trip, size_t i, const cv::Point2f& point, const cv::Point2f& start) {
+  if (!trip.found[i]) return std::nullopt;
+  const FlowMatch match{
+      {trip.to[i].x, trip.to[i].y}, Distance(trip.back[i], point), Distance(trip.to[i], start), trip.difference[i]};
+  const bool finite = std::isfinite(match.round_trip) && std::isfinite(match.move) && std::isfinite(match.difference);
+  return finite ? std::optional(match) : std::nullopt;
 }
 
 // kSide x kSide pixels of the picture whose first is at 'corner'; its edges are repeated beyond them.
@@ -136,22 +137,20 @@ std::vector<FlowStep> CarryPoints(const FlowPyramid& from, const FlowPyramid& to
   const RoundTrip trip = GoAndReturn(from.levels().images, to.levels().images, here, {}, kLevels);
   steps.reserve(points.size());
   for (size_t i = 0; i < points.size(); ++i) {
-    const bool held = trip.found[i] && Within(trip.back[i], here[i], max_round_trip);
+    const bool held = trip.found[i] && Distance(trip.back[i], here[i]) <= max_round_trip;  // false for NaN
     steps.push_back({held ? FlowPoint{trip.to[i].x, trip.to[i].y} : points[i], held});
   }
   return steps;
 }
 
-std::vector<std::optional<FlowPoint>> FollowPoints(const FlowPyramid& from, const FlowPyramid& to,
+std::vector<std::optional<FlowMatch>> FollowPoints(const FlowPyramid& from, const FlowPyramid& to,
                                                    absl::Span<const FlowPoint> points,
-                                                   absl::Span<const FlowPoint> starts, const FlowLimits& limits) {
-  std::vector<std::optional<FlowPoint>> found(points.size());
+                                                   absl::Span<const FlowPoint> starts) {
+  std::vector<std::optional<FlowMatch>> found(points.size());
   if (points.empty()) return found;
   const Points here = ToPoints(points), near = ToPoints(starts);
   const RoundTrip trip = GoAndReturn(from.levels().images, to.levels().images, here, near, kLevels);
-  for (size_t i = 0; i < points.size(); ++i) {
-    if (Accepted(trip, i, here[i], near[i], limits)) found[i] = FlowPoint{trip.to[i].x, trip.to[i].y};
-  }
+  for (size_t i = 0; i < points.size(); ++i) found[i] = MatchOf(trip, i, here[i], near[i]);
   return found;
 }
 
@@ -164,8 +163,7 @@ FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at) {
   return patch;
 }
 
-std::optional<FlowPoint> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start,
-                                   const FlowLimits& limits) {
+std::optional<FlowMatch> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start) {
   if (!std::isfinite(start.x) || !std::isfinite(start.y)) return std::nullopt;
   const cv::Mat looked_for(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, const_cast<uint8_t*>(patch.pixels.data()));
   const cv::Point corner = CornerAround(start, picture.size());
@@ -173,9 +171,9 @@ std::optional<FlowPoint> FindPatch(const FlowPatch& patch, const FlowPyramid& pi
   const cv::Mat crop = Crop(picture.levels().images[0], corner);
   const Points point{{patch.at.x, patch.at.y}}, near{cv::Point2f(start.x, start.y) - origin};
   const RoundTrip trip = GoAndReturn(looked_for, crop, point, near, kPatchLevels);
-  if (!Accepted(trip, 0, point[0], near[0], limits)) return std::nullopt;
-  const cv::Point2f found = trip.to[0] + origin;
-  return FlowPoint{found.x, found.y};
+  std::optional<FlowMatch> match = MatchOf(trip, 0, point[0], near[0]);
+  if (match) match->at = {match->at.x + origin.x, match->at.y + origin.y};
+  return match;
 }
 
 }  // namespace holdfast

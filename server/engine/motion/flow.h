@@ -63,17 +63,18 @@ struct FlowStep {
 std::vector<FlowStep> CarryPoints(const FlowPyramid& from, const FlowPyramid& to, absl::Span<const FlowPoint> points,
                                   float max_round_trip);
 
-// When a place found near an estimate is better than the estimate.
-struct FlowLimits {
-  float round_trip = 0;  // the way back ends within so many pixels
-  float move = 0;        // and the place is within so many pixels of the estimate
-  float difference = 0;  // and the patches differ by less, a mean absolute difference of grey levels
+// A place where a point was found again, and how well. All of it is finite.
+struct FlowMatch {
+  FlowPoint at;
+  float round_trip = 0;  // pixels from where the point came to where the way back ends
+  float move = 0;        // pixels from where the search began
+  float difference = 0;  // of the two patches: mean absolute difference of grey levels
 };
 
-// As CarryPoints, but looks near 'starts' only; empty where nothing within the limits is found.
-std::vector<std::optional<FlowPoint>> FollowPoints(const FlowPyramid& from, const FlowPyramid& to,
+// As CarryPoints, but looks near 'starts' only; empty where nothing is found.
+std::vector<std::optional<FlowMatch>> FollowPoints(const FlowPyramid& from, const FlowPyramid& to,
                                                    absl::Span<const FlowPoint> points,
-                                                   absl::Span<const FlowPoint> starts, const FlowLimits& limits);
+                                                   absl::Span<const FlowPoint> starts);
 
 // The surroundings of a point, cut out so that they can be looked for in pictures to come without the picture they are
 // from.
@@ -85,8 +86,7 @@ struct FlowPatch {
 };
 FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at);
 
-// Looks for the patch near 'start'; empty when nothing within the limits is found.
-std::optional<FlowPoint> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start,
-                                   const FlowLimits& limits);
+// Looks for the patch near 'start'; empty when nothing is found.
+std::optional<FlowMatch> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start);
 
 }  // namespace holdfast

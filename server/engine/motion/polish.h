@@ -23,9 +23,9 @@ struct PolishTrack {
 };
 
 // Moves the visible positions of one frame to where its picture says: to where the patch around the query is found near
-// the estimate, which does not drift; else to where the position on the frame before leads, which bridges changes of
-// appearance; else they stay. Tracks without a position on the frame are left as they are. A track's frames come one
-// after the other.
+// the estimate hardly changed, which does not drift; else to where the position on the frame before leads, which
+// bridges changes of appearance; else to where the patch is found less exactly; else they stay. Tracks without a
+// position on the frame are left as they are. A track's frames come one after the other.
 void PolishFrame(absl::Span<PolishTrack> tracks, int64_t frame, const FlowPyramid& before, const FlowPyramid& now);
 
 }  // namespace holdfast

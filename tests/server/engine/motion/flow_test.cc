@@ -15,7 +15,6 @@ namespace {
 using ::testing::SizeIs;
 
 constexpr ImageSize kSize{160, 120};
-constexpr FlowLimits kLimits{0.5f, 10, 20};
 
 bool SameBits(FlowPoint a, FlowPoint b) { return a.x == b.x && a.y == b.y; }
 
@@ -43,15 +42,15 @@ TEST(FlowTest, APointIsTheSameToTheBitAloneAndAmong60) {
   const FlowPyramid before(ShiftedTexture(kSize, 0, 0)), after(ShiftedTexture(kSize, 3.3f, 1.7f));
   const std::vector<FlowPoint> points = Grid();
   const std::vector<FlowStep> carried = CarryPoints(before, after, points, 2);
-  const auto followed = FollowPoints(before, after, points, points, kLimits);
+  const auto followed = FollowPoints(before, after, points, points);
   for (size_t i = 0; i < points.size(); ++i) {
     const FlowStep alone = CarryPoints(before, after, {&points[i], 1}, 2).front();
     EXPECT_TRUE(SameBits(alone.at, carried[i].at));
     EXPECT_EQ(alone.held, carried[i].held);
-    const auto found = FollowPoints(before, after, {&points[i], 1}, {&points[i], 1}, kLimits).front();
+    const auto found = FollowPoints(before, after, {&points[i], 1}, {&points[i], 1}).front();
     ASSERT_EQ(found.has_value(), followed[i].has_value());
     if (found) {
-      EXPECT_TRUE(SameBits(*found, *followed[i]));
+      EXPECT_TRUE(SameBits(found->at, followed[i]->at));
     }
   }
 }
@@ -71,8 +70,8 @@ TEST(FlowTest, APointThatIsCoveredStaysWhereItWas) {
 TEST(FlowTest, WithoutTextureNothingIsFound) {
   const FlowPyramid flat(GrayImage{kSize, std::vector<uint8_t>(size_t{160} * 120, 77)});
   EXPECT_FALSE(CarryPoints(flat, flat, {{50, 50}}, 2)[0].held);
-  EXPECT_FALSE(FollowPoints(flat, flat, {{50, 50}}, {{50, 50}}, kLimits)[0].has_value());
-  EXPECT_FALSE(FindPatch(CutPatch(flat, {50, 50}), flat, {50, 50}, kLimits).has_value());
+  EXPECT_FALSE(FollowPoints(flat, flat, {{50, 50}}, {{50, 50}})[0].has_value());
+  EXPECT_FALSE(FindPatch(CutPatch(flat, {50, 50}), flat, {50, 50}).has_value());
 }
 
 TEST(FlowTest, NotANumberIsNotFound) {
@@ -80,38 +79,41 @@ TEST(FlowTest, NotANumberIsNotFound) {
   const FlowPoint nowhere{NAN, NAN}, far{1e9f, -1e9f};
   for (const FlowPoint& point : {nowhere, far}) {
     EXPECT_FALSE(CarryPoints(picture, picture, {point}, 2)[0].held);
-    EXPECT_FALSE(FindPatch(CutPatch(picture, {50, 50}), picture, point, kLimits).has_value());
+    EXPECT_FALSE(FindPatch(CutPatch(picture, {50, 50}), picture, point).has_value());
   }
 }
 
 TEST(FlowTest, FindsAPatchNearAnEstimateToAFractionOfAPixel) {
   const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 23.4f, 11.8f));
   const FlowPatch patch = CutPatch(query, {60.5f, 40.25f});
-  const auto found = FindPatch(patch, now, {60.5f + 26, 40.25f + 9}, kLimits);
+  const auto found = FindPatch(patch, now, {60.5f + 26, 40.25f + 9});
   ASSERT_TRUE(found.has_value());
-  EXPECT_NEAR(found->x, 83.9f, 0.1f);
-  EXPECT_NEAR(found->y, 52.05f, 0.1f);
+  EXPECT_NEAR(found->at.x, 83.9f, 0.1f);
+  EXPECT_NEAR(found->at.y, 52.05f, 0.1f);
 }
 
 TEST(FlowTest, FindsAPatchAtTheEdgeOfThePicture) {
   const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 2, 1.5f));
   for (const FlowPoint& at : {FlowPoint{9, 60}, FlowPoint{80, 110}, FlowPoint{150, 9}}) {
-    const auto found = FindPatch(CutPatch(query, at), now, at, {1, 10, 20});
+    const auto found = FindPatch(CutPatch(query, at), now, at);
     ASSERT_TRUE(found.has_value()) << at.x << "," << at.y;
-    EXPECT_NEAR(found->x, at.x + 2, 1.0f);  // what is repeated beyond the edge does not move
-    EXPECT_NEAR(found->y, at.y + 1.5f, 1.0f);
+    EXPECT_NEAR(found->at.x, at.x + 2, 1.0f);  // what is repeated beyond the edge does not move
+    EXPECT_NEAR(found->at.y, at.y + 1.5f, 1.0f);
   }
 }
 
-TEST(FlowTest, EveryLimitRefuses) {
+TEST(FlowTest, AMatchSaysHowGoodItIs) {
   const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 4, 0)),
       other(ShiftedTexture(kSize, 0, 0, /*seed=*/5));
   const FlowPoint at{60, 60};
   const FlowPatch patch = CutPatch(query, at);
-  EXPECT_TRUE(FindPatch(patch, now, at, {0.5f, 10, 20}).has_value());
-  EXPECT_FALSE(FindPatch(patch, now, at, {0.5f, 3, 20}).has_value()) << "it has moved by 4";
-  EXPECT_FALSE(FindPatch(patch, now, at, {0.5f, 10, 0}).has_value()) << "patches are never equal";
-  EXPECT_FALSE(FindPatch(patch, other, at, {0.5f, 10, 20}).has_value()) << "another picture";
+  const auto match = FindPatch(patch, now, at);
+  ASSERT_TRUE(match.has_value());
+  EXPECT_NEAR(match->move, 4, 0.1f);
+  EXPECT_LT(match->round_trip, 0.1f);
+  EXPECT_LT(match->difference, 2);
+  const auto elsewhere = FindPatch(patch, other, at);
+  EXPECT_TRUE(!elsewhere || elsewhere->difference > 10) << "another picture";
 }
 
 TEST(FlowTest, LooksAtFramesInTheirOwnSizeUpToAHalfMoreThanIsProcessed) {
@@ -142,7 +144,7 @@ TEST(FlowTest, KnowsItsBytesAndWorksAtTheSmallestSize) {
   const ImageSize small{32, 32};
   const FlowPyramid before(ShiftedTexture(small, 0, 0)), after(ShiftedTexture(small, 1.5f, 0));
   EXPECT_NEAR(CarryPoints(before, after, {{15, 15}}, 2)[0].at.x, 16.5f, 0.2f);
-  EXPECT_TRUE(FindPatch(CutPatch(before, {15, 15}), after, {15, 15}, {1, 10, 20}).has_value());
+  EXPECT_TRUE(FindPatch(CutPatch(before, {15, 15}), after, {15, 15}).has_value());
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -76,6 +77,32 @@ TEST(PolishTest, FollowsFromTheFrameBeforeWhereThePatchIsNotFound) {
   ExpectExact(track);
   EXPECT_THAT(track.outcomes,
               ElementsAre(Outcome::kFromBefore, Outcome::kFromBefore, Outcome::kFromBefore, Outcome::kFromBefore));
+}
+
+// The patch of the query as it looked in other light.
+std::shared_ptr<const FlowPatch> BrighterPatch() {
+  GrayImage query = ShiftedTexture(kSize, 0, 0);
+  for (uint8_t& pixel : query.pixels) pixel = static_cast<uint8_t>(std::min(255, pixel + 12));
+  return std::make_shared<FlowPatch>(CutPatch(FlowPyramid(query), kQuery));
+}
+
+TEST(PolishTest, WhereThePatchHasChangedTheFrameBeforeComesFirst) {
+  const auto pictures = Pictures(4);
+  PolishTrack track = Track(3, 0.6f);
+  track.patch = BrighterPatch();
+  Polish({&track, 1}, pictures, 0);
+  ExpectExact(track);
+  EXPECT_THAT(track.outcomes, Each(Outcome::kFromBefore));
+}
+
+TEST(PolishTest, WhereTheFrameBeforeDoesNotHelpAPatchThatIsAlikeWillDo) {
+  const auto pictures = Pictures(4);
+  PolishTrack track = Track(3, 0.6f);
+  track.patch = BrighterPatch();
+  track.previous.reset();
+  Polish({&track, 1}, pictures, 0);
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(track.positions[i].x, kQuery.x + kStep * static_cast<float>(i + 1), 0.3f);
+  EXPECT_THAT(track.outcomes, ElementsAre(Outcome::kFromQuery, Outcome::kFromBefore, Outcome::kFromBefore));
 }
 
 TEST(PolishTest, LeavesHiddenOnesAloneAndDoesNotFollowFromThem) {
