@@ -92,6 +92,7 @@ function(holdfast_isa_test name)
 endfunction()
 
 # holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...]); ctest shows the name as given.
+# Without PCH it has that of tests, which does not fit what links gRPC.
 # A test's own code is optimised lightly: it runs once, and most of the time of a build goes into tests.
 function(holdfast_test name)
   cmake_parse_arguments(A "" "PCH;TIMEOUT" "SOURCES;DEPS;LABELS" ${ARGN})
