@@ -9,6 +9,7 @@
 
 #include "absl/base/config.h"
 #include "absl/synchronization/mutex.h"
+#include "absl/synchronization/notification.h"
 
 // Of the sanitizer's runtime, which has no header for them.
 extern "C" void AnnotateIgnoreReadsBegin(const char* file, int line);
@@ -19,10 +20,10 @@ namespace {
 #define HOLDFAST_TEXT_OF(x) #x
 #define HOLDFAST_TEXT(x) HOLDFAST_TEXT_OF(x)
 
-// The library's function, by its mangled name behind "_ZN4absl<inline namespace>".
-void* LibraryFunction(const char* name) {
+// The library's function, by its mangled name behind "_ZN4absl<inline namespace>"; a const one's begins with "_ZNK".
+void* LibraryFunction(const char* name, const std::string& start = "_ZN") {
   const std::string inline_namespace = HOLDFAST_TEXT(ABSL_OPTION_INLINE_NAMESPACE_NAME);
-  const std::string symbol = "_ZN4absl" + std::to_string(inline_namespace.size()) + inline_namespace + name;
+  const std::string symbol = start + "4absl" + std::to_string(inline_namespace.size()) + inline_namespace + name;
   return dlsym(RTLD_NEXT, symbol.c_str());
 }
 
@@ -38,10 +39,12 @@ class IgnoreConditions {
 }  // namespace
 
 // absl::Status counts its references in the library; GDAL, which OpenCV's codecs load, orders its own locks; gRPC hands
-// calls and messages from thread to thread by atomics of its own, partly from within its headers.
+// calls and messages from thread to thread by atomics of its own, partly from within its headers; the barriers of OpenMP
+// order what its threads do.
 extern "C" const char* __tsan_default_suppressions() {
   return "race:absl::*Status::Unref\n"
          "deadlock:libgdal\n"
+         "race:at::internal::invoke_parallel\n"
          "race:grpc::internal::ServerCallbackCall::Ref\n"
          "race:grpc::internal::ServerCallbackCall::Un\n"
          "race_top:^grpc::\n"
@@ -102,6 +105,22 @@ void CondVar::Wait(Mutex* mutex) {
   __tsan_release(mutex);
   library(this, mutex);
   __tsan_acquire(mutex);
+}
+
+void Notification::Notify() {
+  static const auto library = reinterpret_cast<void (*)(Notification*)>(LibraryFunction("12Notification6NotifyEv"));
+  __tsan_release(this);
+  library(this);
+}
+
+void Notification::WaitForNotification() const {
+  static const auto library =
+      reinterpret_cast<void (*)(const Notification*)>(LibraryFunction("12Notification19WaitForNotificationEv", "_ZNK"));
+  {
+    const IgnoreConditions ignore;
+    library(this);
+  }
+  __tsan_acquire(const_cast<Notification*>(this));
 }
 
 ABSL_NAMESPACE_END
