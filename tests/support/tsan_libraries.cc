@@ -39,8 +39,8 @@ class IgnoreConditions {
 }  // namespace
 
 // absl::Status counts its references in the library; GDAL, which OpenCV's codecs load, orders its own locks; gRPC hands
-// calls and messages from thread to thread by atomics of its own, partly from within its headers; the barriers of OpenMP
-// order what its threads do.
+// calls and messages from thread to thread by atomics of its own, partly from within its headers; the barriers of
+// OpenMP order what its threads do.
 extern "C" const char* __tsan_default_suppressions() {
   return "race:absl::*Status::Unref\n"
          "deadlock:libgdal\n"

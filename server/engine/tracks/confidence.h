@@ -8,8 +8,8 @@ namespace holdfast {
 
 // By the network's word a point is visible above this.
 constexpr float kVisibleAbove = 0.5f;
-// By a calibrated confidence, which is of being visible and right. Low, as many visible points are followed coarsely: on
-// annotated video the share of right verdicts falls above it, while what is below is hidden or lost.
+// By a calibrated confidence, which is of being visible and right. Low, as many visible points are followed coarsely:
+// on annotated video the share of right verdicts falls above it, while what is below is hidden or lost.
 constexpr float kCalibratedVisibleAbove = 0.1f;
 
 // From a visibility head: the logistic function of its logit, in [0, 1].
