@@ -83,8 +83,7 @@ void PointTrack::Polish(absl::Span<const Polished> polished, const FrameGeometry
     estimate.shown = result.position;
     previous_ = estimate.seen ? std::optional<Position>(result.position) : std::nullopt;
     estimate.evidence.polish = result.outcome;
-    estimate.confidence = rule_.Confidence(estimate.evidence);
-    estimate.visible = estimate.confidence > rule_.visible_above() && geometry.Inside(result.position);
+    Weigh(estimate, geometry);
     ++reportable_before_;
   }
 }
@@ -117,11 +116,14 @@ PointTrack::Estimate PointTrack::Judge(const RowEstimate& row, const WindowPlan&
   estimate.evidence.similarity = row.similarity[at];
   estimate.evidence.last_step = row.last_step[at];
   estimate.evidence.age = frame - seed_.frame;
-  const bool inside = geometry.Inside(estimate.position);
-  estimate.seen = NetworkConfidence(estimate.evidence) > kVisibleAbove && inside;
-  estimate.confidence = rule_.Confidence(estimate.evidence);
-  estimate.visible = estimate.confidence > rule_.visible_above() && inside;
+  estimate.seen = NetworkConfidence(estimate.evidence) > kVisibleAbove && geometry.Inside(estimate.position);
+  Weigh(estimate, geometry);
   return estimate;
+}
+
+void PointTrack::Weigh(Estimate& estimate, const FrameGeometry& geometry) const {
+  estimate.confidence = rule_.Confidence(estimate.evidence);
+  estimate.visible = estimate.confidence > rule_.visible_above() && geometry.Inside(estimate.shown);
 }
 
 void PointTrack::Append(int64_t frame, PointRun& run, const FrameGeometry& geometry) const {

@@ -90,6 +90,8 @@ class PointTrack {
   };
   const Estimate& At(int64_t frame) const { return estimates_[frame - first_kept_]; }
   Estimate Judge(const RowEstimate& row, const WindowPlan& plan, int64_t frame, const FrameGeometry& geometry) const;
+  // Fills in what follows from the evidence and from where the point is shown.
+  void Weigh(Estimate& estimate, const FrameGeometry& geometry) const;
   void Append(int64_t frame, PointRun& run, const FrameGeometry& geometry) const;
   void Trim();
 
