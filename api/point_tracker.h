@@ -13,7 +13,7 @@
 namespace holdfast {
 
 // Receives what a session produces. Called on a thread of the tracker, one call at a time, in the order below:
-// OnAccepted once, then OnTracks / OnWarning any number of times, then OnDone once as the very last call.
+// OnAccepted once, then the others any number of times, then OnDone once as the very last call.
 // A session that is refused gets OnDone alone. Calls may arrive before PointTracker::Open has returned. An observer may
 // take its time (the stream waits), but must not call the stream's blocking methods from here.
 class TrackObserver {
@@ -22,6 +22,13 @@ class TrackObserver {
   virtual void OnAccepted(const SessionAccepted&) {}
   virtual void OnTracks(TrackUpdate update) = 0;
   virtual void OnWarning(const absl::Status&) {}
+  virtual void OnCheckpoint(const Checkpoint&) {}
+  // The server is about to end; a session that is still open after this time will be ended, with a checkpoint.
+  virtual void OnGoingAway(absl::Duration /*time_left*/) {}
+  // The server was lost, why is in 'status', and the session is being resumed on this one or another.
+  virtual void OnReconnecting(const absl::Status&) {}
+  // It goes on; what comes next continues what came before, no final sample comes twice.
+  virtual void OnResumed(const SessionAccepted&) {}
   // OK after Finish() once everything is final; otherwise why the session ended early.
   virtual void OnDone(const absl::Status& status, const SessionSummary& summary) = 0;
 };

@@ -52,6 +52,11 @@ struct SessionConfig {
   std::optional<bool> polish;        // final positions are moved to where the picture says; empty: the engine's default
   std::vector<PointQuery> points;    // queried at the first frame
   std::string label;                 // for logs only; at most kMaxLabelBytes
+  // A checkpoint comes about every so many frames; 0: only before a planned end.
+  int checkpoint_interval_frames = 0;
+  // Of a checkpoint: this session goes on where that one was. Options left open are those of that session, others have
+  // to be the same; 'points' is ignored, as the token holds them.
+  std::string resume_token;
 };
 
 struct Frame {
@@ -102,6 +107,18 @@ struct SessionAccepted {
   bool motion_prior = false;
   bool polish = false;
   SessionLimits limits;
+  int64_t first_frame = 0;             // of a resumed session: where to begin; earlier frames are ignored
+  int checkpoint_interval_frames = 0;  // 0: only before a planned end
+  // The most frames that the newest checkpoint may lie behind the newest frame that was tracked: who wants to resume
+  // keeps so many, and checkpoint_interval_frames more. 0: this session has no checkpoints.
+  int replay_frames = 0;
+};
+
+// All that is needed to go on elsewhere, beside the frames from next_frame on.
+struct Checkpoint {
+  std::string token;       // opaque; empty: this session has outgrown what a token can hold
+  int64_t next_frame = 0;  // the first frame to send again
+  bool resumable = false;  // by other servers too, and after a restart; otherwise by this process only
 };
 
 struct SessionSummary {
@@ -123,6 +140,7 @@ struct TrackerInfo {
   int default_iterations = 0;
   bool default_motion_prior = false;
   bool default_polish = false;
+  bool calibrated_confidence = false;  // confidence is the probability of being visible and right
   int max_sessions = 0;
   SessionLimits limits;
 };

@@ -125,6 +125,8 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   out.set_emit(EmitToProto(config.emit));
   if (config.motion_prior) out.set_motion_prior(*config.motion_prior);
   if (config.polish) out.set_polish(*config.polish);
+  out.set_checkpoint_interval_frames(config.checkpoint_interval_frames);
+  out.set_resume_token(config.resume_token);
   return out;
 }
 
@@ -144,6 +146,9 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   if (config.has_motion_prior()) out.motion_prior = config.motion_prior();
   if (config.has_polish()) out.polish = config.polish();
   out.label = config.label();
+  out.checkpoint_interval_frames =
+      CountFromProto(config.checkpoint_interval_frames(), "config.checkpoint_interval_frames", violations);
+  out.resume_token = config.resume_token();
   if (!violations.empty()) return violations.ToStatus();
   return out;
 }

@@ -28,11 +28,13 @@ absl::StatusOr<std::vector<PointId>> FromProto(const v1::RemovePoints& remove);
 // What the server answers.
 v1::SessionAccepted ToProto(const SessionAccepted& accepted);
 v1::Tracks ToProto(const TrackUpdate& update);
+v1::Checkpoint ToProto(Checkpoint checkpoint);
 v1::SessionSummary ToProto(const SessionSummary& summary);
 v1::GetServerInfoResponse ToProto(const TrackerInfo& info);
 
 absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted);
 absl::StatusOr<TrackUpdate> FromProto(const v1::Tracks& tracks);
+absl::StatusOr<Checkpoint> FromProto(v1::Checkpoint&& checkpoint);
 SessionSummary FromProto(const v1::SessionSummary& summary);
 absl::StatusOr<TrackerInfo> FromProto(const v1::GetServerInfoResponse& info);
 

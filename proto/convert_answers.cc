@@ -13,7 +13,7 @@ namespace {
 using internal::SizeFromProto;
 using internal::SizeToProto;
 
-constexpr uint32_t kMaxWindowFrames = 1 << 20;
+constexpr uint32_t kMaxFrames = 1 << 20;  // of a window, or to be kept
 
 void LimitsToProto(const SessionLimits& limits, v1::SessionLimits* out) {
   out->set_max_points(limits.max_points);
@@ -65,12 +65,16 @@ v1::SessionAccepted ToProto(const SessionAccepted& accepted) {
   out.set_emit(internal::EmitToProto(accepted.emit));
   out.set_motion_prior(accepted.motion_prior);
   out.set_polish(accepted.polish);
+  out.set_first_frame(accepted.first_frame);
+  out.set_checkpoint_interval_frames(accepted.checkpoint_interval_frames);
+  out.set_replay_frames(accepted.replay_frames);
   return out;
 }
 
 absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted) {
-  if (accepted.window_frames() < 2 || accepted.window_frames() > kMaxWindowFrames || accepted.hop_frames() < 1 ||
-      accepted.hop_frames() >= accepted.window_frames()) {
+  if (accepted.window_frames() < 2 || accepted.window_frames() > kMaxFrames || accepted.hop_frames() < 1 ||
+      accepted.hop_frames() >= accepted.window_frames() || accepted.first_frame() < 0 ||
+      accepted.checkpoint_interval_frames() > kMaxFrames || accepted.replay_frames() > kMaxFrames) {
     return absl::InternalError("the server sent a malformed SessionAccepted");
   }
   SessionAccepted out;
@@ -83,7 +87,23 @@ absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted) {
   out.emit = accepted.emit() == v1::EMIT_EVERY_FRAME ? Emit::kEveryFrame : Emit::kWindows;
   out.motion_prior = accepted.motion_prior();
   out.polish = accepted.polish();
+  out.first_frame = accepted.first_frame();
+  out.checkpoint_interval_frames = static_cast<int>(accepted.checkpoint_interval_frames());
+  out.replay_frames = static_cast<int>(accepted.replay_frames());
   return out;
+}
+
+v1::Checkpoint ToProto(Checkpoint checkpoint) {
+  v1::Checkpoint out;
+  out.set_token(std::move(checkpoint.token));
+  out.set_next_frame(checkpoint.next_frame);
+  out.set_resumable(checkpoint.resumable);
+  return out;
+}
+
+absl::StatusOr<Checkpoint> FromProto(v1::Checkpoint&& checkpoint) {
+  if (checkpoint.next_frame() < 0) return absl::InternalError("the server sent a malformed Checkpoint");
+  return Checkpoint{std::move(*checkpoint.mutable_token()), checkpoint.next_frame(), checkpoint.resumable()};
 }
 
 v1::Tracks ToProto(const TrackUpdate& update) {
@@ -147,6 +167,7 @@ v1::GetServerInfoResponse ToProto(const TrackerInfo& info) {
   LimitsToProto(info.limits, out.mutable_limits());
   out.set_default_motion_prior(info.default_motion_prior);
   out.set_default_polish(info.default_polish);
+  out.set_calibrated_confidence(info.calibrated_confidence);
   return out;
 }
 
@@ -166,6 +187,7 @@ absl::StatusOr<TrackerInfo> FromProto(const v1::GetServerInfoResponse& info) {
   out.limits = LimitsFromProto(info.limits());
   out.default_motion_prior = info.default_motion_prior();
   out.default_polish = info.default_polish();
+  out.calibrated_confidence = info.calibrated_confidence();
   if (out.window_frames < 2) return absl::InternalError("the server sent a malformed GetServerInfoResponse");
   return out;
 }

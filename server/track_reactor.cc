@@ -194,6 +194,13 @@ void TrackReactor::OnWarning(const absl::Status& warning) {
   MaybeWriteLocked();
 }
 
+void TrackReactor::OnCheckpoint(Checkpoint checkpoint) {
+  absl::MutexLock lock(&mutex_);
+  if (cancelled_) return;
+  checkpoint_ = std::move(checkpoint);
+  MaybeWriteLocked();
+}
+
 void TrackReactor::OnRoomForFrame() {
   absl::MutexLock lock(&mutex_);
   full_ = false;
@@ -281,6 +288,9 @@ bool TrackReactor::NextResponseLocked() {
     warnings_.erase(warnings_.begin());
   } else if (!outbox_.empty()) {
     *response.mutable_tracks() = ToProto(outbox_.Take(deps_.options.max_message_bytes));
+  } else if (checkpoint_) {  // after the results that it counts on
+    *response.mutable_checkpoint() = ToProto(*std::move(checkpoint_));
+    checkpoint_.reset();
   } else if (summary_) {
     *response.mutable_summary() = ToProto(*summary_);
     summary_.reset();

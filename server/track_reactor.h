@@ -59,6 +59,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
  private:
   void OnTracks(TrackUpdate update) override ABSL_LOCKS_EXCLUDED(mutex_);
   void OnWarning(const absl::Status& warning) override ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnCheckpoint(Checkpoint checkpoint) override ABSL_LOCKS_EXCLUDED(mutex_);
   void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(mutex_);
   void OnSessionDone(const absl::Status& status, const SessionSummary& summary) override ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -96,6 +97,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   std::optional<SessionAccepted> accepted_ ABSL_GUARDED_BY(mutex_);  // not sent yet
   std::vector<absl::Status> warnings_ ABSL_GUARDED_BY(mutex_);
   Outbox outbox_ ABSL_GUARDED_BY(mutex_);
+  std::optional<Checkpoint> checkpoint_ ABSL_GUARDED_BY(mutex_);   // not sent yet
   std::optional<SessionSummary> summary_ ABSL_GUARDED_BY(mutex_);  // not sent yet
   std::optional<absl::Status> done_ ABSL_GUARDED_BY(mutex_);       // how the stream ends, once that is known
   // Set once and then kept to the end. Last, so that it is destroyed first: until then the engine uses the rest.

@@ -6,6 +6,7 @@
 
 #include "absl/status/status.h"
 #include "api/types.h"
+#include "server/engine/checkpoint_sealer.h"
 #include "server/engine/evidence.h"
 
 namespace holdfast {
@@ -60,6 +61,8 @@ struct EngineOptions {
                        /*max_frame_pixels=*/int64_t{3840} * 2160,
                        /*max_frames=*/0};
 
+  // Makes the tokens of checkpoints; null: sessions have none. Not owned.
+  const CheckpointSealer* sealer = nullptr;
   // For who fits a calibration; empty: nobody. Must be thread-safe where several sessions are open.
   EvidenceSink evidence;
 

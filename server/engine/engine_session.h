@@ -16,6 +16,8 @@ class SessionListener {
   virtual ~SessionListener() = default;
   virtual void OnTracks(TrackUpdate update) = 0;
   virtual void OnWarning(const absl::Status& warning) = 0;
+  // After the results that the checkpoint counts on.
+  virtual void OnCheckpoint(Checkpoint checkpoint) = 0;
   // After PushFrame said "full": there is room again. May come before that PushFrame has returned.
   virtual void OnRoomForFrame() = 0;
   // The last call. OK after Finish(), otherwise why the session ended early; its earlier results came before.
@@ -40,6 +42,9 @@ class EngineSession {
   virtual void Finish() = 0;
   // As Finish, but OnSessionDone carries 'status': nothing already pushed is lost.
   virtual void Fail(absl::Status status) = 0;
+  // Takes no more input: a last checkpoint, if the session has any, then OnSessionDone(status) soon. What was pushed
+  // and is not tracked yet is dropped, and nothing becomes final for it: who resumes sends it again.
+  virtual void Suspend(absl::Status status) = 0;
   // OnSessionDone(CANCELLED) soon; work not yet begun is dropped.
   virtual void Cancel() = 0;
 };

@@ -79,6 +79,11 @@ class SessionHandle final : public EngineSession {
     scheduler_.Notify();
   }
 
+  void Suspend(absl::Status status) override {
+    session_->inbox().Suspend(std::move(status));
+    scheduler_.Notify();
+  }
+
   void Cancel() override {
     session_->inbox().Cancel();
     scheduler_.Notify();
@@ -141,6 +146,7 @@ class EngineImpl final : public Engine {
     info.default_iterations = options.iterations;
     info.default_motion_prior = options.motion_prior && options.chaining != Chaining::kPublished;
     info.default_polish = options.polish && options.chaining != Chaining::kPublished;
+    info.calibrated_confidence = !model.calibration.empty();
     info.max_sessions = options.max_sessions;
     info.limits = options.limits;
     return info;

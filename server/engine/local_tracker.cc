@@ -81,6 +81,9 @@ class LocalStream final : public TrackStream, private SessionListener {
   void OnWarning(const absl::Status& warning) override {
     Enqueue([warning](TrackObserver& observer) { observer.OnWarning(warning); });
   }
+  void OnCheckpoint(Checkpoint checkpoint) override {
+    Enqueue([checkpoint = std::move(checkpoint)](TrackObserver& observer) { observer.OnCheckpoint(checkpoint); });
+  }
   void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
     room_ = true;

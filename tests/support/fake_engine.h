@@ -138,6 +138,14 @@ class FakeEngine final : public Engine {
     }
     void Finish() override { End(absl::OkStatus()); }
     void Fail(absl::Status status) override { End(std::move(status)); }
+    // The token of its checkpoint names the frame to go on with.
+    void Suspend(absl::Status status) override {
+      engine_.Post(this, [this, status = std::move(status)] {
+        if (done_) return;
+        listener_.OnCheckpoint({absl::StrCat("token-", frames_), frames_, true});
+        Done(status);
+      });
+    }
     void Cancel() override {
       engine_.PostFirst(this, [this] { Done(absl::CancelledError("cancelled")); });
     }

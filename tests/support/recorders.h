@@ -41,6 +41,12 @@ class UpdateRecorder {
     updates_.push_back(std::move(update));
     changed_.SignalAll();
   }
+  void Add(const Checkpoint& checkpoint) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    EXPECT_FALSE(done_) << "a checkpoint after the end";
+    checkpoints_.push_back(checkpoint);
+    changed_.SignalAll();
+  }
   void Done(const absl::Status& status, const SessionSummary& summary) ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
     EXPECT_FALSE(done_) << "ended twice";
@@ -63,6 +69,10 @@ class UpdateRecorder {
     absl::MutexLock lock(&mutex_);
     while (!done_ && updates_.size() < count) changed_.Wait(&mutex_);
   }
+  void AwaitCheckpoints(size_t count) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    while (!done_ && checkpoints_.size() < count) changed_.Wait(&mutex_);
+  }
   bool done() const ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
     return done_.has_value();
@@ -79,6 +89,10 @@ class UpdateRecorder {
   std::vector<TrackUpdate> updates() const ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
     return updates_;
+  }
+  std::vector<Checkpoint> checkpoints() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    return checkpoints_;
   }
 
  private:
@@ -103,6 +117,7 @@ class UpdateRecorder {
   std::map<PointId, FinalTrack> finals_ ABSL_GUARDED_BY(mutex_);
   std::optional<absl::Status> done_ ABSL_GUARDED_BY(mutex_);
   SessionSummary summary_ ABSL_GUARDED_BY(mutex_);
+  std::vector<Checkpoint> checkpoints_ ABSL_GUARDED_BY(mutex_);
 };
 
 // Pushes frames as the session has room for them.
@@ -110,6 +125,7 @@ class RecordingListener final : public SessionListener, public UpdateRecorder {
  public:
   void OnTracks(TrackUpdate update) override { Add(std::move(update)); }
   void OnWarning(const absl::Status&) override {}
+  void OnCheckpoint(Checkpoint checkpoint) override { Add(checkpoint); }
   void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(room_mutex_) {
     absl::MutexLock lock(&room_mutex_);
     room_ = true;
@@ -141,6 +157,7 @@ class RecordingObserver final : public TrackObserver, public UpdateRecorder {
  public:
   void OnAccepted(const SessionAccepted& accepted) override { accepted_ = accepted; }
   void OnTracks(TrackUpdate update) override { Add(std::move(update)); }
+  void OnCheckpoint(const Checkpoint& checkpoint) override { Add(checkpoint); }
   void OnDone(const absl::Status& status, const SessionSummary& summary) override { Done(status, summary); }
   // REQUIRES: the session is done.
   const std::optional<SessionAccepted>& accepted() const { return accepted_; }

@@ -109,6 +109,14 @@ void SessionInbox::End(absl::Status status) {
   if (received_ == 0) points_.DropFrom(0);  // there will be no frame for them
 }
 
+void SessionInbox::Suspend(absl::Status status) {
+  absl::MutexLock lock(&mutex_);
+  if (cancelled_ || suspended_) return;
+  suspended_ = ended_ = true;
+  end_status_ = std::move(status);
+  DropFromLocked(0);
+}
+
 void SessionInbox::Cancel() {
   absl::MutexLock lock(&mutex_);
   cancelled_ = ended_ = true;
@@ -176,6 +184,11 @@ std::vector<PointOp> SessionInbox::TakeOps(int64_t newest_frame) {
 bool SessionInbox::drained() const {
   absl::MutexLock lock(&mutex_);
   return ended_ && pending_.empty() && points_.empty();
+}
+
+bool SessionInbox::suspended() const {
+  absl::MutexLock lock(&mutex_);
+  return suspended_;
 }
 
 bool SessionInbox::cancelled() const {

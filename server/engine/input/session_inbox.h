@@ -49,6 +49,8 @@ class SessionInbox {
   absl::Status RemovePoints(const std::vector<PointId>& ids) ABSL_LOCKS_EXCLUDED(mutex_);
   // No more input; the session ends with 'status' when it has worked off what is here. Only the first call counts.
   void End(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Drops what is here; the session ends with 'status' as it stands. Counts unless it was cancelled before.
+  void Suspend(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
   // Drops what is here.
   void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
   // The session is over: drops what is here, and later calls get 'status'.
@@ -72,6 +74,7 @@ class SessionInbox {
   std::vector<PointOp> TakeOps(int64_t newest_frame) ABSL_LOCKS_EXCLUDED(mutex_);
   // Ended, and nothing is left to take.
   bool drained() const ABSL_LOCKS_EXCLUDED(mutex_);
+  bool suspended() const ABSL_LOCKS_EXCLUDED(mutex_);
   bool cancelled() const ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status end_status() const ABSL_LOCKS_EXCLUDED(mutex_);
   int64_t frames_received() const ABSL_LOCKS_EXCLUDED(mutex_);
@@ -106,6 +109,7 @@ class SessionInbox {
   int64_t dropped_ ABSL_GUARDED_BY(mutex_) = 0;
   bool told_full_ ABSL_GUARDED_BY(mutex_) = false;
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;
+  bool suspended_ ABSL_GUARDED_BY(mutex_) = false;
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status end_status_ ABSL_GUARDED_BY(mutex_);
 };

@@ -13,17 +13,10 @@
 #include "server/engine/tracker_model.h"
 #include "server/engine/tracks/confidence.h"
 #include "server/engine/tracks/geometry.h"
+#include "server/engine/tracks/track_state.h"
 #include "server/engine/tracks/window.h"
 
 namespace holdfast {
-
-struct PointSeed {
-  uint64_t serial = 0;         // tells this track from any other of its session
-  PointQuery query;            // the caller's pixels
-  int64_t frame = 0;           // queried at
-  Position position;           // the query in feature pixels
-  std::vector<float> feature;  // [C] f1, kept for ever
-};
 
 // One point from its query to its end: its windows and the estimates that are still of use. Depends on nothing but its
 // own seed and its own windows. Not thread-safe.
