@@ -31,11 +31,11 @@ build: configure ## build everything (PRESET=release|asan|asan-core|tsan|clang)
 	cmake --build $(BUILD) -j $(JOBS)
 
 test: build ## build and run every test; those of model and engine once more under AddressSanitizer
-	ctest --preset $(PRESET)
+	ctest --preset $(PRESET) -j $(JOBS)
 ifeq ($(PRESET),release)
 	cmake --preset asan-core > /dev/null
 	cmake --build --preset asan-core -j $(JOBS)
-	ctest --preset asan-core
+	ctest --preset asan-core -j $(JOBS)
 endif
 
 demo: configure ## track a real video through the server; the result lies in out/demo

@@ -5,6 +5,11 @@
 
 namespace holdfast {
 
+void CaptureTimes::StartAt(int64_t frame) {
+  absl::MutexLock lock(&mutex_);
+  oldest_ = frame;
+}
+
 void CaptureTimes::Push(std::optional<absl::Time> time) {
   absl::MutexLock lock(&mutex_);
   known_ += time ? 1 : 0;

@@ -17,6 +17,8 @@ namespace holdfast {
 // When the frames that may still be reported were captured, where the caller said so. Thread-safe.
 class CaptureTimes {
  public:
+  // The first frame to come.
+  void StartAt(int64_t frame) ABSL_LOCKS_EXCLUDED(mutex_);
   // Of the next frame.
   void Push(std::optional<absl::Time> time) ABSL_LOCKS_EXCLUDED(mutex_);
   void EvictBefore(int64_t frame) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -10,7 +10,9 @@
 #include "absl/strings/str_cat.h"
 #include "server/engine/admission.h"
 #include "server/engine/input/decode_pool.h"
+#include "server/engine/input/point_check.h"
 #include "server/engine/input/session_config.h"
+#include "server/engine/resume.h"
 #include "server/engine/scheduler.h"
 #include "server/engine/session.h"
 #include "server/engine/tracks/calibration.h"
@@ -115,10 +117,27 @@ class EngineImpl final : public Engine {
 
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                              SessionListener& listener) override {
+    if (config.resume_token.empty()) return OpenSession(config, std::nullopt, listener);
+    if (options_.sealer == nullptr)
+      return absl::FailedPreconditionError("config.resume_token: this server has no checkpoints");
+    absl::StatusOr<SessionState> state = options_.sealer->Unseal(config.resume_token);
+    if (!state.ok()) return state.status();
+    const absl::StatusOr<SessionConfig> resumed = ResumedConfig(config, *state, model_->info());
+    if (!resumed.ok()) return resumed.status();
+    return OpenSession(*resumed, *std::move(state), listener);
+  }
+
+ private:
+  // 'state': of the session that this one goes on with.
+  absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
+                                                             std::optional<SessionState> state,
+                                                             SessionListener& listener) {
     auto accepted = Negotiate(config, options_, model_->info());
     if (!accepted.ok()) return accepted.status();
     accepted->session_id = NewSessionId();
-    const Session::Options options = MakeOptions(config, *accepted);
+    if (state) accepted->first_frame = state->next_frame;
+    Session::Options options = MakeOptions(config, *accepted);
+    if (absl::Status status = Prepare(state, options); !status.ok()) return status;
     const int64_t frame_bytes = model_->FrameBytes(accepted->processing_size);
     auto ticket = admission_.Admit(frame_bytes * options.max_cached_frames + Session::FlowBytes(options));
     if (!ticket.ok()) return ticket.status();
@@ -126,13 +145,30 @@ class EngineImpl final : public Engine {
     const Session::Threads threads{[jobs](std::function<void()> job) { jobs->Submit(std::move(job)); },
                                    [this] { scheduler_.Notify(); }};
     auto session = std::make_shared<Session>(options, listener, clock_, metrics_, threads, *std::move(ticket));
-    if (absl::Status status = session->inbox().AddPoints("config.points", config.points); !status.ok()) return status;
+    if (state) {
+      session->Resume(*std::move(state));
+    } else if (absl::Status status = session->inbox().AddPoints("config.points", config.points); !status.ok()) {
+      return status;
+    }
     metrics_.SessionOpened();
     scheduler_.Add(session);
     return std::make_unique<SessionHandle>(std::move(session), jobs, scheduler_);
   }
 
- private:
+  // Checkpoints of the session, and where it goes on.
+  absl::Status Prepare(const std::optional<SessionState>& state, Session::Options& options) const {
+    if (options.sealer != nullptr) {
+      options.accepted.replay_frames = static_cast<int>(Session::ReplayFrames(options));
+    } else {
+      options.accepted.checkpoint_interval_frames = 0;
+    }
+    if (!state) return absl::OkStatus();
+    if (absl::Status status = CheckState(*state, options.windows); !status.ok()) return status;
+    options.inbox.resumed = ResumedInbox(*state);
+    const int64_t points = static_cast<int64_t>(options.inbox.resumed->ids.size());
+    return CheckPointCount(points, options_.limits.max_points);
+  }
+
   static TrackerInfo MakeInfo(const EngineOptions& options, const ModelInfo& model) {
     TrackerInfo info;
     info.model_name = model.name;
@@ -167,6 +203,9 @@ class EngineImpl final : public Engine {
     options.carry_templates = options_.chaining == Chaining::kPublished;
     options.confidence.calibration = calibration_ ? &*calibration_ : nullptr;
     options.confidence.sink = options_.evidence ? &options_.evidence : nullptr;
+    // The published chaining carries templates from window to window, which no token has room for.
+    options.sealer = options_.chaining == Chaining::kPublished ? nullptr : options_.sealer;
+    options.weights_sha256 = model_->info().weights_sha256;
     options.stride = model_->info().stride;
     options.max_cached_frames = accepted.window_frames + accepted.hop_frames + options_.max_pending_frames;
     return options;

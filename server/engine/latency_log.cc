@@ -5,6 +5,12 @@
 
 namespace holdfast {
 
+void LatencyLog::StartAt(int64_t frame, int64_t estimated_before) {
+  absl::MutexLock lock(&mutex_);
+  final_before_ = frame;
+  estimated_before_ = estimated_before;
+}
+
 void LatencyLog::Arrived(SteadyTime when) {
   absl::MutexLock lock(&mutex_);
   arrivals_.push_back(when);

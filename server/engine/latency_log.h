@@ -16,6 +16,8 @@ namespace holdfast {
 class LatencyLog {
  public:
   explicit LatencyLog(EngineMetrics& metrics) : metrics_(metrics) {}
+  // The first frame to arrive; frames before 'estimated_before' had their first estimate already.
+  void StartAt(int64_t frame, int64_t estimated_before) ABSL_LOCKS_EXCLUDED(mutex_);
   // Of the next frame.
   void Arrived(SteadyTime when) ABSL_LOCKS_EXCLUDED(mutex_);
   // Frames first .. before - 1 have an estimate.

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "api/errors.h"
 #include "server/engine/status_of.h"
 
 namespace holdfast {
@@ -51,6 +53,45 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
       ticket_(std::move(ticket)),
       tracks_(options.windows, options.provisional, options.confidence) {}
 
+void Session::Resume(SessionState state) {
+  taken_frame_ = checkpoint_frame_ = state.taken_frame;
+  summary_ = state.summary;
+  frames_processed_ = summary_.frames;
+  latency_.StartAt(state.next_frame, state.taken_frame + 1);
+  capture_times_.StartAt(state.next_frame);
+  tracks_.SetGeometry(geometry());
+  tracks_.StartAt(state.next_frame);
+  if (flow_ != nullptr) {
+    SetFlowGeometry();
+    flow_->StartAt(state.next_frame);
+  }
+  for (SessionState::Track& saved : state.tracks) {
+    const PointTrack& track = tracks_.Restore(std::move(saved.state));
+    if (flow_ != nullptr) RestoreFlow(track, std::move(saved.patch));
+  }
+  CountPoints(0);
+}
+
+void Session::RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patch) {
+  const PointSeed& seed = track.seed();
+  const TrackState::Ending ending = track.ending_at();
+  flow_->Restore({{PointOp::Kind::kSeed, seed.frame, seed.query, seed.serial},
+                  track.ending(),
+                  ending.last_frame,
+                  ending.stop,
+                  std::move(patch)});
+  if (track.estimated_before() > seed.frame + 1) flow_->Rebase({BaseOf(track, /*early=*/!track.began())});
+}
+
+void Session::SetFlowGeometry() {
+  const ImageSize processing = options_.accepted.processing_size, flow = flow_size();
+  const auto scale = [this](int flow_side, int processing_side) {
+    return static_cast<float>(options_.stride) * static_cast<float>(flow_side) / static_cast<float>(processing_side);
+  };
+  flow_->SetGeometry(geometry(),
+                     {scale(flow.width, processing.width), scale(flow.height, processing.height), flow.width});
+}
+
 absl::StatusOr<Room> Session::PushFrame(Frame frame) {
   const int64_t index = frame.index;
   const std::optional<absl::Time> capture_time = frame.capture_time;
@@ -59,17 +100,10 @@ absl::StatusOr<Room> Session::PushFrame(Frame frame) {
   // After the end every call gets its status, which is about another frame.
   if (absl::IsInvalidArgument(room.status()) && room.status() != inbox_.end_status())
     metrics_.FrameDone(FrameResult::kRejected);
-  if (!room.ok()) return room;
+  if (!room.ok() || index < options_.accepted.first_frame) return room;
   latency_.Arrived(now);
   capture_times_.Push(capture_time);
-  if (index == 0 && flow_ != nullptr) {
-    const ImageSize processing = options_.accepted.processing_size, flow = flow_size();
-    const auto scale = [this](int flow_side, int processing_side) {
-      return static_cast<float>(options_.stride) * static_cast<float>(flow_side) / static_cast<float>(processing_side);
-    };
-    flow_->SetGeometry(FrameGeometry(inbox_.frame_size(), processing, options_.stride),
-                       {scale(flow.width, processing.width), scale(flow.height, processing.height), flow.width});
-  }
+  if (index == 0 && flow_ != nullptr) SetFlowGeometry();
   threads_.submit([self = shared_from_this(), index] {
     self->Decode(index);
     self->threads_.notify();
@@ -178,11 +212,10 @@ std::vector<DecodedFrame> Session::TakeFrames(int64_t count) {
 }
 
 void Session::Admit(const DecodedFrame& frame, FrameFeaturesPtr features, TrackerModel& model) {
-  if (frame.index == 0) {
-    tracks_.SetGeometry(FrameGeometry(inbox_.frame_size(), options_.accepted.processing_size, options_.stride));
-  }
+  if (frame.index == 0) tracks_.SetGeometry(geometry());
   tracks_.AddFrame(std::move(features));
-  frames_processed_ = ++summary_.frames;
+  summary_.frames = std::max(summary_.frames, frame.index + 1);
+  frames_processed_ = summary_.frames;
   metrics_.FrameDone(FrameResult::kTracked);
   metrics_.SessionLag(inbox_.frames_received() - summary_.frames);
   ApplyOps(model);
@@ -221,7 +254,9 @@ void Session::CountPoints(int64_t before) {
 }
 
 std::vector<DueRow> Session::DueRows() const {
-  std::vector<DueRow> rows = tracks_.Due(inbox_.drained());
+  // Who resumes a session that is suspended says how it ends.
+  const bool ended = inbox_.drained() && !inbox_.suspended() && !CatchingUp();
+  std::vector<DueRow> rows = tracks_.Due(ended);
   if (!options_.accepted.motion_prior) return rows;
   rows.erase(std::remove_if(rows.begin(), rows.end(),
                             [this](const DueRow& row) { return !flow_->Reaches(row.track->serial(), row.plan.last); }),
@@ -244,14 +279,16 @@ void Session::Apply(absl::Span<const DueRow> rows, RowEstimate* estimates) {
   if (!inbox_.cancelled()) Deliver(std::move(runs));
 }
 
+SessionFlow::Base Session::BaseOf(const PointTrack& track, bool early) {
+  return {track.serial(),           track.estimated_before() - 1,
+          track.newest_position(),  track.newest_confidence(),
+          track.next_window_last(), early};
+}
+
 void Session::StartChains(absl::Span<const DueRow> rows) {
   if (flow_ == nullptr) return;
   std::vector<SessionFlow::Base> bases;
-  for (const DueRow& row : rows) {
-    const PointTrack& track = *row.track;
-    bases.push_back({track.serial(), track.estimated_before() - 1, track.newest_position(), track.newest_confidence(),
-                     track.next_window_last(), row.plan.kind == WindowKind::kEarly});
-  }
+  for (const DueRow& row : rows) bases.push_back(BaseOf(*row.track, row.plan.kind == WindowKind::kEarly));
   flow_->Rebase(bases);
   SubmitFlow();
 }
@@ -330,6 +367,78 @@ absl::Status Session::FlowFailure() {
 
 int64_t Session::CachedBytes() const { return tracks_.cache().bytes() + (flow_ == nullptr ? 0 : flow_->bytes()); }
 
+SessionState Session::State() const {
+  SessionState state;
+  const SessionAccepted& accepted = options_.accepted;
+  state.weights_sha256 = options_.weights_sha256;
+  state.encoding = options_.inbox.format.encoding;
+  state.frame_size = inbox_.frame_size();
+  state.processing_size = accepted.processing_size;
+  state.hop_frames = accepted.hop_frames;
+  state.iterations = accepted.iterations;
+  state.motion_prior = accepted.motion_prior;
+  state.polish = accepted.polish;
+  const FeatureCache& cache = tracks_.cache();
+  state.taken_frame = std::max(cache.newest(), taken_frame_);
+  state.next_frame = flow_ == nullptr ? cache.oldest() : std::min(cache.oldest(), tracks_.oldest_for_polish());
+  state.next_serial = inbox_.next_serial();
+  state.summary = summary_;
+  for (const auto& track : tracks_.all()) {
+    // Its seed is said again, and counted then.
+    if (track->seed().frame == state.taken_frame && state.taken_frame > 0) --state.summary.points;
+    SessionState::Track& saved = state.tracks.emplace_back();
+    saved.state = track->state();
+    if (flow_ == nullptr) continue;
+    if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = *patch;
+  }
+  return state;
+}
+
+void Session::StartCheckpoint() {
+  const int64_t interval = options_.accepted.checkpoint_interval_frames;
+  const int64_t newest = tracks_.cache().newest();
+  if (interval == 0 || newest < checkpoint_frame_ + interval || outgrown_ || sealing_) return;
+  checkpoint_frame_ = newest;
+  sealing_ = true;
+  threads_.submit([self = shared_from_this(), state = std::make_shared<SessionState>(State())] {
+    self->SendCheckpoint(*state);
+    self->sealing_ = false;
+    self->threads_.notify();
+  });
+}
+
+void Session::SendCheckpoint(const SessionState& state) {
+  Checkpoint checkpoint;
+  checkpoint.next_frame = state.next_frame;
+  absl::Status sealed;
+  const auto seal = [&] {
+    absl::StatusOr<std::string> token = options_.sealer->Seal(state);
+    sealed = token.status();
+    if (token.ok()) checkpoint.token = *std::move(token);
+  };
+  sealed.Update(StatusOf(seal, "a checkpoint could not be made"));
+  outgrown_ = !sealed.ok();
+  checkpoint.resumable = sealed.ok() && options_.sealer->outlives_process();
+  absl::MutexLock lock(&emit_mutex_);
+  if (told_done_ || state.taken_frame < checkpoint_sent_) return;
+  checkpoint_sent_ = state.taken_frame;
+  if (!sealed.ok()) listener_.OnWarning(sealed);
+  listener_.OnCheckpoint(std::move(checkpoint));
+}
+
+void Session::Suspend() {
+  if (options_.sealer != nullptr && tracks_.cache().newest() >= 0 && !outgrown_) SendCheckpoint(State());
+  Close(inbox_.end_status());
+}
+
+absl::Status Session::EndedTooEarly() const {
+  const absl::Status status = inbox_.end_status();
+  if (!status.ok()) return status;
+  return InvalidFieldError("frame.index",
+                           absl::StrCat("the stream ended after frame ", tracks_.cache().newest(),
+                                        ", but the session that it resumes has come to frame ", taken_frame_));
+}
+
 bool Session::FinishTurn() {
   if (closed_) return false;
   if (const absl::Status ended = inbox_.cancelled() ? inbox_.end_status() : FlowFailure(); !ended.ok()) {
@@ -337,9 +446,19 @@ bool Session::FinishTurn() {
     return false;
   }
   const bool polished = FinishPolish();
-  EndTracks();
+  if (CatchingUp() && !inbox_.suspended()) {
+    Evict();
+    if (inbox_.drained()) Close(EndedTooEarly());
+    return polished;
+  }
+  if (!CatchingUp()) EndTracks();
+  if (inbox_.suspended()) {
+    Suspend();
+    return false;
+  }
   StartPolish();
   Evict();
+  StartCheckpoint();
   if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return polished;
   tracks_.FinalizeAll();
   StartPolish();

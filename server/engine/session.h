@@ -6,6 +6,7 @@
 #include <deque>
 #include <functional>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -16,6 +17,7 @@
 #include "api/types.h"
 #include "server/engine/admission.h"
 #include "server/engine/capture_times.h"
+#include "server/engine/checkpoint_sealer.h"
 #include "server/engine/engine.h"
 #include "server/engine/input/point_queue.h"
 #include "server/engine/input/session_inbox.h"
@@ -23,6 +25,7 @@
 #include "server/engine/metrics.h"
 #include "server/engine/session_flow.h"
 #include "server/engine/session_polish.h"
+#include "server/engine/session_state.h"
 #include "server/engine/tracker_model.h"
 #include "server/engine/tracks/track_set.h"
 
@@ -42,7 +45,9 @@ class Session : public std::enable_shared_from_this<Session> {
     bool carry_templates = false;
     ConfidenceRule confidence;  // what it borrows outlives the session
     int stride = 8;
-    int64_t max_cached_frames = 0;  // above a window, so that a full cache always holds a window that is due
+    int64_t max_cached_frames = 0;             // above a window, so that a full cache always holds a window that is due
+    const CheckpointSealer* sealer = nullptr;  // null: no checkpoints; outlives the session
+    std::string weights_sha256;
   };
   struct Threads {
     std::function<void(std::function<void()>)> submit;  // runs a job on a thread of the decode pool
@@ -50,10 +55,15 @@ class Session : public std::enable_shared_from_this<Session> {
   };
   // The most that a session's pictures and patches for optical flow take; 0 when it uses none.
   static int64_t FlowBytes(const Options& options);
+  // The most frames that a checkpoint lies behind the newest tracked one.
+  static int64_t ReplayFrames(const Options& options) { return options.max_cached_frames + options.windows.hop; }
 
   // 'listener', 'clock' and 'metrics' must outlive the session, the listener only until OnSessionDone has returned.
   Session(const Options& options, SessionListener& listener, Clock& clock, EngineMetrics& metrics, Threads threads,
           std::unique_ptr<Admission::Ticket> ticket);
+  // Before anything else: goes on where the session was that 'state' was taken from. REQUIRES: CheckState is OK, and
+  // the inbox's options say the same.
+  void Resume(SessionState state);
 
   // --- Any thread.
   const SessionAccepted& accepted() const { return options_.accepted; }
@@ -86,6 +96,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // Takes over what was polished, ends tracks, forgets frames, and ends the session when it is cancelled or has nothing
   // left to do. True: polish is done, so there may be room for frames that nobody will report.
   bool FinishTurn();
+  // All that it takes to go on elsewhere.
+  SessionState State() const;
   // Ends the session as it stands.
   void Close(const absl::Status& status);
 
@@ -99,6 +111,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // What the work throws ends the session.
   void RunFlow(absl::FunctionRef<void()> work) ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
   void SubmitFlow();
+  // Seals 'state' and sends it, or says that there is no checkpoint any more.
+  void SendCheckpoint(const SessionState& state) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   // Once the first frame has come.
   ImageSize flow_size() const { return FlowSize(inbox_.frame_size(), options_.accepted.processing_size); }
 
@@ -109,11 +123,23 @@ class Session : public std::enable_shared_from_this<Session> {
   bool AnyOps() ABSL_LOCKS_EXCLUDED(ops_mutex_);
   void EmitLocked(std::vector<PointRun> runs) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
 
+  FrameGeometry geometry() const {
+    return FrameGeometry(inbox_.frame_size(), options_.accepted.processing_size, options_.stride);
+  }
+  void SetFlowGeometry();
+  void RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patch);
+  static SessionFlow::Base BaseOf(const PointTrack& track, bool early);
+
   // On the compute thread.
   void Deliver(std::vector<PointRun> runs) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void StartChains(absl::Span<const DueRow> rows);
   void StartPolish();
   bool FinishPolish();
+  // A resumed session has not seen all the frames again that its tracks have been through.
+  bool CatchingUp() const { return tracks_.cache().newest() < taken_frame_; }
+  void StartCheckpoint();
+  void Suspend();
+  absl::Status EndedTooEarly() const;
   void EndTracks();
   void Evict();
   absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
@@ -138,6 +164,11 @@ class Session : public std::enable_shared_from_this<Session> {
   absl::Mutex emit_mutex_;
   bool told_done_ ABSL_GUARDED_BY(emit_mutex_) = false;
 
+  // taken_frame of the newest checkpoint that was sent: the last one of a session may overtake one that is being made.
+  int64_t checkpoint_sent_ ABSL_GUARDED_BY(emit_mutex_) = -1;
+  std::atomic<bool> sealing_{false};   // a checkpoint is being made
+  std::atomic<bool> outgrown_{false};  // the state does not fit into a token any more
+
   absl::Mutex flow_failure_mutex_;
   absl::Status flow_failure_ ABSL_GUARDED_BY(flow_failure_mutex_);
 
@@ -145,6 +176,8 @@ class Session : public std::enable_shared_from_this<Session> {
   std::unique_ptr<Admission::Ticket> ticket_;
   TrackSet tracks_;
   SessionSummary summary_;
+  int64_t taken_frame_ = -1;       // of the session that this one goes on with
+  int64_t checkpoint_frame_ = -1;  // the newest frame when the last checkpoint was made
   bool closed_ = false;
 
   absl::Mutex done_mutex_;

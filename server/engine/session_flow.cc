@@ -167,6 +167,22 @@ void SessionFlow::SeedLocked(const PointOp& op) {
   alive_[op.query.id] = op.serial;
 }
 
+void SessionFlow::StartAt(int64_t frame) {
+  absl::MutexLock lock(&mutex_);
+  oldest_ = without_gap_ = frame;
+}
+
+void SessionFlow::Restore(Restored point) {
+  absl::MutexLock lock(&mutex_);
+  SeedLocked(point.seed);
+  Entry& entry = entries_.at(point.seed.serial);
+  if (point.patch) entry.patch = std::make_shared<FlowPatch>(*std::move(point.patch));
+  if (!point.ending) return;
+  entry.last_frame = point.last_frame;
+  entry.stop = point.stop;
+  alive_.erase(point.seed.query.id);
+}
+
 void SessionFlow::EndLocked(PointId id, int64_t last_frame, int64_t stop) {
   const auto found = alive_.find(id);
   if (found == alive_.end()) return;

@@ -44,6 +44,18 @@ class SessionFlow {
   };
   void SetGeometry(const FrameGeometry& geometry, const Scale& scale) ABSL_LOCKS_EXCLUDED(mutex_);
 
+  // Goes on at 'frame', the first to be added, with a point of a session that is resumed. REQUIRES: the geometry is
+  // set; no frame was added.
+  struct Restored {
+    PointOp seed;
+    bool ending = false;
+    int64_t last_frame = 0;  // of a track that is ending, and from where it is not reported
+    int64_t stop = 0;
+    std::optional<FlowPatch> patch;
+  };
+  void StartAt(int64_t frame) ABSL_LOCKS_EXCLUDED(mutex_);
+  void Restore(Restored point) ABSL_LOCKS_EXCLUDED(mutex_);
+
   // --- Decode threads.
   // Frames may come in any order; chains grow over those that have no gap before them.
   void AddFrame(int64_t index, FlowPyramidPtr pyramid) ABSL_LOCKS_EXCLUDED(mutex_);

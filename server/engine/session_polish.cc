@@ -23,6 +23,7 @@ bool SessionPolish::Start(TrackSet& tracks) {
     last = std::max(last, unpolished.first + static_cast<int64_t>(work.positions.size()) - 1);
     job->work.push_back(std::move(work));
   }
+  if (last > flow_.newest()) return false;  // a resumed session whose frames have not all come again
   const std::vector<FlowPyramidPtr> pyramids = flow_.Pyramids(job->first, last);
   job->pyramids = {pyramids.begin(), pyramids.end()};
   job_ = std::move(job);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
@@ -19,6 +20,11 @@ constexpr int64_t kSpareChanges = 1024;  // for sessions of few points
 
 PointQueue::PointQueue(int max_points)
     : max_points_(max_points), max_waiting_(kMaxChangesPerPoint * max_points + kSpareChanges) {}
+
+void PointQueue::Resume(absl::flat_hash_set<PointId> ids, uint64_t next_serial) {
+  ids_ = std::move(ids);
+  serial_ = next_serial;
+}
 
 absl::Status PointQueue::CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points,
                                     int64_t frame) const {

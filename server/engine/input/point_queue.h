@@ -33,6 +33,10 @@ class PointQueue {
  public:
   explicit PointQueue(int max_points);
 
+  // Goes on behind another queue: these ids are tracked, and serial numbers begin here. REQUIRES: the queue is new.
+  void Resume(absl::flat_hash_set<PointId> ids, uint64_t next_serial);
+  uint64_t next_serial() const { return serial_; }
+
   // Whether seeds at 'frame', the newest or the one to come, are within the limits: RESOURCE_EXHAUSTED says which one
   // they exceed, 'list' the field.
   absl::Status CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points, int64_t frame) const;

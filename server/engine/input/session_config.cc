@@ -62,6 +62,10 @@ void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options,
   if (accepted.hop_frames < lowest || accepted.hop_frames > highest) {
     violations.Add("config.hop_frames", absl::StrCat(accepted.hop_frames, " is not in ", lowest, " .. ", highest));
   }
+  if (accepted.checkpoint_interval_frames < 0) {
+    violations.Add("config.checkpoint_interval_frames",
+                   absl::StrCat("is ", accepted.checkpoint_interval_frames, ", expected 0 or more"));
+  }
   if (accepted.iterations < 1 || accepted.iterations > options.max_iterations) {
     violations.Add("config.iterations", absl::StrCat(accepted.iterations, " is not in 1 .. ", options.max_iterations));
   }
@@ -82,6 +86,7 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   accepted.motion_prior = Switch(config.motion_prior, options.motion_prior, options);
   accepted.polish = Switch(config.polish, options.polish, options);
   accepted.limits = options.limits;
+  accepted.checkpoint_interval_frames = config.checkpoint_interval_frames;
   Violations violations;
   CheckRawSize(config, options, violations);
   CheckProcessingSize(accepted.processing_size, options, violations);

@@ -21,6 +21,9 @@ absl::Status BadFrame(int64_t index, const absl::Status& why) {
 
 SessionInbox::SessionInbox(const Options& options) : options_(options), points_(options.limits.max_points) {
   if (IsRaw(options.format.encoding)) frame_size_ = options.format.raw_size;
+  if (!options.resumed) return;
+  frame_size_ = options.resumed->frame_size;
+  points_.Resume(options.resumed->ids, options.resumed->next_serial);
 }
 
 absl::StatusOr<Room> SessionInbox::Push(Frame frame, SteadyTime now) {
@@ -30,8 +33,18 @@ absl::StatusOr<Room> SessionInbox::Push(Frame frame, SteadyTime now) {
   if (size.ok() && count.ok()) violations = CheckPoints(kFramePoints, frame.points, *size);
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
+  if (absl::Status status = CheckIndexLocked(frame.index); !status.ok()) return status;
+  if (options_.resumed && frame.index < options_.resumed->next) {
+    received_ = frame.index + 1;
+    any_received_ = true;
+    return Room::kAvailable;
+  }
   if (absl::Status status = CheckFrameLocked(frame, size); !status.ok()) return status;
   if (!count.ok()) return count;
+  if (IsRepeatedLocked(frame.index)) {
+    frame.points.clear();
+    violations = Violations();
+  }
   if (!frame_size_) points_.CheckPositions(*size, violations);  // those that came before the first frame
   if (!violations.empty()) return violations.ToStatus();
   if (absl::Status status = points_.CheckSeeds(kFramePoints, frame.points, frame.index); !status.ok()) return status;
@@ -39,7 +52,8 @@ absl::StatusOr<Room> SessionInbox::Push(Frame frame, SteadyTime now) {
   points_.StartFrame(frame.index);
   points_.Seed(kFramePoints, frame.points);
   pending_.push_back({frame.index, now, std::move(frame.bytes), std::nullopt});
-  ++received_;
+  received_ = frame.index + 1;
+  any_received_ = true;
   told_full_ = FullLocked();
   return told_full_ ? Room::kFull : Room::kAvailable;
 }
@@ -49,11 +63,21 @@ absl::Status SessionInbox::CheckOpenLocked() const {
   return end_status_.ok() ? absl::FailedPreconditionError("the stream has finished") : end_status_;
 }
 
+bool SessionInbox::IsRepeatedLocked(int64_t frame) const { return options_.resumed && frame < options_.resumed->taken; }
+
+absl::Status SessionInbox::CheckIndexLocked(int64_t index) const {
+  if (options_.resumed && !any_received_) {
+    const int64_t next = options_.resumed->next;
+    if (index >= 0 && index <= next) return absl::OkStatus();
+    return InvalidFieldError("frame.index",
+                             absl::StrCat("frame ", index, " came first, but the session goes on with frame ", next));
+  }
+  if (index == received_) return absl::OkStatus();
+  return InvalidFieldError("frame.index", absl::StrCat("frame ", index, " came instead of frame ", received_));
+}
+
 absl::Status SessionInbox::CheckFrameLocked(const Frame& frame, const absl::StatusOr<ImageSize>& size) const {
   const int64_t index = frame.index;
-  if (index != received_) {
-    return InvalidFieldError("frame.index", absl::StrCat("frame ", index, " came instead of frame ", received_));
-  }
   if (options_.limits.max_frames > 0 && index >= options_.limits.max_frames) {
     return OverloadError("frames of a session", absl::StrCat("at most ", options_.limits.max_frames),
                          absl::ZeroDuration());
@@ -86,6 +110,7 @@ absl::Status SessionInbox::AddPoints(absl::string_view list, const std::vector<P
   Violations violations = CheckPoints(list, points, *size);
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
+  if (IsRepeatedLocked(received_ - 1)) return absl::OkStatus();
   if (frame_size_ != *size) violations = CheckPoints(list, points, frame_size_);  // the first frame came meanwhile
   if (!violations.empty()) return violations.ToStatus();
   if (absl::Status status = points_.CheckSeeds(list, points, points_.frame()); !status.ok()) return status;
@@ -96,6 +121,7 @@ absl::Status SessionInbox::AddPoints(absl::string_view list, const std::vector<P
 absl::Status SessionInbox::RemovePoints(const std::vector<PointId>& ids) {
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
+  if (IsRepeatedLocked(received_ - 1)) return absl::OkStatus();
   if (absl::Status status = points_.CheckRemovals("remove_points.ids", ids); !status.ok()) return status;
   points_.Remove(ids);
   return absl::OkStatus();
@@ -106,7 +132,7 @@ void SessionInbox::End(absl::Status status) {
   if (ended_) return;
   ended_ = true;
   end_status_ = std::move(status);
-  if (received_ == 0) points_.DropFrom(0);  // there will be no frame for them
+  if (!any_received_) points_.DropFrom(0);  // there will be no frame for them
 }
 
 void SessionInbox::Suspend(absl::Status status) {
@@ -203,7 +229,12 @@ absl::Status SessionInbox::end_status() const {
 
 int64_t SessionInbox::frames_received() const {
   absl::MutexLock lock(&mutex_);
-  return received_;
+  return options_.resumed ? std::max(received_, options_.resumed->taken + 1) : received_;
+}
+
+uint64_t SessionInbox::next_serial() const {
+  absl::MutexLock lock(&mutex_);
+  return points_.next_serial();
 }
 
 int64_t SessionInbox::TakeDropped() {

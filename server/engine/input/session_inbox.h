@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/container/flat_hash_set.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
@@ -38,6 +39,17 @@ class SessionInbox {
     FrameFormat format;
     SessionLimits limits;
     int max_pending_frames = 8;
+    // A session that goes on where another one was: frames before 'next' are ignored, and what the stream says about
+    // points before frame 'taken', which has been seen already, too. What it says at that very frame counts again,
+    // which makes no difference: a point that is added again where it was added begins anew there.
+    struct Resumed {
+      int64_t next = 0;
+      int64_t taken = 0;
+      ImageSize frame_size;
+      absl::flat_hash_set<PointId> ids;  // of the points that are tracked
+      uint64_t next_serial = 0;
+    };
+    std::optional<Resumed> resumed;
   };
   explicit SessionInbox(const Options& options);
 
@@ -80,6 +92,8 @@ class SessionInbox {
   int64_t frames_received() const ABSL_LOCKS_EXCLUDED(mutex_);
   // Frames dropped since the last call.
   int64_t TakeDropped() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Of the next point to be added.
+  uint64_t next_serial() const ABSL_LOCKS_EXCLUDED(mutex_);
   // Known from the first frame on.
   ImageSize frame_size() const ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -90,6 +104,9 @@ class SessionInbox {
     std::string bytes;
     std::optional<DecodedFrame> decoded;
   };
+  // Whether the resumed session knew already what the stream says now.
+  bool IsRepeatedLocked(int64_t frame) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status CheckIndexLocked(int64_t index) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status CheckOpenLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status CheckFrameLocked(const Frame& frame, const absl::StatusOr<ImageSize>& size) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -105,7 +122,8 @@ class SessionInbox {
   std::deque<Pending> pending_ ABSL_GUARDED_BY(mutex_);  // consecutive frames
   PointQueue points_ ABSL_GUARDED_BY(mutex_);
   std::optional<ImageSize> frame_size_ ABSL_GUARDED_BY(mutex_);
-  int64_t received_ ABSL_GUARDED_BY(mutex_) = 0;
+  int64_t received_ ABSL_GUARDED_BY(mutex_) = 0;  // the index of the frame to come
+  bool any_received_ ABSL_GUARDED_BY(mutex_) = false;
   int64_t dropped_ ABSL_GUARDED_BY(mutex_) = 0;
   bool told_full_ ABSL_GUARDED_BY(mutex_) = false;
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;

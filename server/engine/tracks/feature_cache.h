@@ -11,6 +11,8 @@ namespace holdfast {
 // The features of consecutive frames of one session, each made once. Not thread-safe.
 class FeatureCache {
  public:
+  // The first frame to come. REQUIRES: the cache is empty.
+  void StartAt(int64_t frame) { oldest_ = frame; }
   // Of the frame after the newest.
   void Push(FrameFeaturesPtr features);
   // REQUIRES: oldest() <= frame <= newest().
@@ -19,7 +21,7 @@ class FeatureCache {
   void Clear() { EvictBefore(newest() + 1); }
 
   int64_t oldest() const { return oldest_; }
-  int64_t newest() const { return oldest_ + size() - 1; }  // -1 before the first frame
+  int64_t newest() const { return oldest_ + size() - 1; }  // the one before the first frame, before that came
   int64_t size() const { return static_cast<int64_t>(frames_.size()); }
   int64_t bytes() const { return bytes_; }
 

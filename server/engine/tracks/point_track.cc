@@ -19,6 +19,53 @@ PointTrack::PointTrack(PointSeed seed, const WindowOptions& windows, const Confi
       previous_(seed_.position),
       sent_before_(seed_.frame) {}
 
+PointTrack::PointTrack(TrackState state, const WindowOptions& windows, const ConfidenceRule& rule,
+                       const FrameGeometry& geometry)
+    : seed_(std::move(state.seed)),
+      rule_(rule),
+      window_frames_(windows.frames),
+      polish_(windows.polish),
+      schedule_(windows, seed_.frame, state.next_start, state.covered),
+      first_kept_(state.first_kept),
+      final_before_(state.final_before),
+      reportable_before_(state.reportable_before),
+      previous_(state.previous),
+      sent_before_(state.sent_before) {
+  if (state.ending) End(state.ending->last_frame, state.ending->stop);
+  for (const EstimateState& estimate : state.estimates) {
+    estimates_.push_back(Restored(estimate, estimated_before(), geometry));
+  }
+}
+
+PointTrack::Estimate PointTrack::Restored(const EstimateState& state, int64_t frame,
+                                          const FrameGeometry& geometry) const {
+  Estimate estimate{state.position, state.shown};
+  if (frame == seed_.frame) return estimate;  // the query itself is nobody's estimate
+  estimate.evidence = {state.visibility_logit, state.similarity, state.last_step, frame - seed_.frame, state.polish};
+  estimate.seen = state.seen;
+  Weigh(estimate, geometry);
+  return estimate;
+}
+
+TrackState PointTrack::state() const {
+  TrackState state;
+  state.seed = seed_;
+  state.next_start = schedule_.next_start();
+  state.covered = schedule_.covered();
+  if (ending_) state.ending = TrackState::Ending{last_frame_, stop_};
+  state.first_kept = first_kept_;
+  for (const Estimate& estimate : estimates_) {
+    const Evidence& evidence = estimate.evidence;
+    state.estimates.push_back({estimate.position, estimate.shown, evidence.visibility_logit, evidence.similarity,
+                               evidence.last_step, evidence.polish, estimate.seen});
+  }
+  state.final_before = final_before_;
+  state.reportable_before = reportable_before_;
+  state.previous = previous_;
+  state.sent_before = sent_before_;
+  return state;
+}
+
 void PointTrack::End(int64_t last_frame, int64_t stop) {
   ending_ = true;
   last_frame_ = last_frame;

@@ -24,13 +24,19 @@ class PointTrack {
  public:
   // What 'rule' borrows must outlive the track.
   PointTrack(PointSeed seed, const WindowOptions& windows, const ConfidenceRule& rule);
+  // Goes on where the track that 'state' was taken from was. REQUIRES: CheckTrackState(state, windows) is OK.
+  PointTrack(TrackState state, const WindowOptions& windows, const ConfidenceRule& rule, const FrameGeometry& geometry);
+  TrackState state() const;
 
   PointId id() const { return seed_.query.id; }
   uint64_t serial() const { return seed_.serial; }
+  const PointSeed& seed() const { return seed_; }
+  bool began() const { return schedule_.began(); }
   // Ends the track early: frames after 'last_frame' are not used any more, and those from 'stop' on not reported.
   // Windows that are due by 'last_frame' still run, so that what is reported does not depend on the engine's pace.
   void End(int64_t last_frame, int64_t stop);
   bool ending() const { return ending_; }
+  TrackState::Ending ending_at() const { return {last_frame_, stop_}; }
 
   std::optional<WindowPlan> Due(int64_t newest, bool stream_ended) const;
   // 'carried': where the point may be on the frames after its newest estimate (after its query, where the window starts
@@ -81,6 +87,7 @@ class PointTrack {
     bool seen = true;     // by the network's word, inside the frame
     bool visible = true;  // as reported
   };
+  Estimate Restored(const EstimateState& state, int64_t frame, const FrameGeometry& geometry) const;
   const Estimate& At(int64_t frame) const { return estimates_[frame - first_kept_]; }
   Estimate Judge(const RowEstimate& row, const WindowPlan& plan, int64_t frame, const FrameGeometry& geometry) const;
   // Fills in what follows from the evidence and from where the point is shown.

@@ -15,6 +15,13 @@ void TrackSet::Seed(PointSeed seed) {
   live_[id] = tracks_.back().get();
 }
 
+const PointTrack& TrackSet::Restore(TrackState state) {
+  tracks_.push_back(std::make_unique<PointTrack>(std::move(state), windows_, rule_, geometry_));
+  PointTrack& track = *tracks_.back();
+  if (!track.ending()) live_[track.id()] = &track;
+  return track;
+}
+
 void TrackSet::Remove(PointId id, int64_t frame) { EndTrack(id, frame, frame + 1); }
 
 void TrackSet::EndTrack(PointId id, int64_t last_frame, int64_t stop) {

@@ -38,6 +38,12 @@ class TrackSet {
   void SetGeometry(const FrameGeometry& geometry) { geometry_ = geometry; }
   const FrameGeometry& geometry() const { return geometry_; }
 
+  // Goes on at 'frame', the first to be added. REQUIRES: nothing was added yet; the geometry is set before Restore,
+  // which takes the states of another set's tracks in their order.
+  void StartAt(int64_t frame) { cache_.StartAt(frame); }
+  const PointTrack& Restore(TrackState state);
+  const std::vector<std::unique_ptr<PointTrack>>& all() const { return tracks_; }
+
   void AddFrame(FrameFeaturesPtr features) { cache_.Push(std::move(features)); }
   // A track of this id ends before the seed's frame. REQUIRES: the seed's frame is in the cache.
   void Seed(PointSeed seed);

@@ -42,7 +42,10 @@ struct WindowPlan {
 class WindowSchedule {
  public:
   WindowSchedule(const WindowOptions& options, int64_t query_frame)
-      : options_(options), query_(query_frame), next_start_(query_frame), covered_(query_frame) {}
+      : WindowSchedule(options, query_frame, query_frame, query_frame) {}
+  // One that goes on: see next_start() and covered().
+  WindowSchedule(const WindowOptions& options, int64_t query_frame, int64_t next_start, int64_t covered)
+      : options_(options), query_(query_frame), next_start_(next_start), covered_(covered) {}
 
   // The window to run when frames up to 'newest' are there; 'ended': none will follow. Empty: nothing to do, which at
   // the end of the stream means that every frame has its last estimate.
@@ -52,11 +55,13 @@ class WindowSchedule {
 
   // s_k of the next full window. No window to come needs a frame before this one, save the last, which needs S frames.
   int64_t next_start() const { return next_start_; }
+  // The newest frame that a window has covered; the query's before the first one.
+  int64_t covered() const { return covered_; }
+  bool began() const { return next_start_ > query_; }  // a full window has run
   // No window to come starts from an estimate before this frame.
   int64_t oldest_start() const { return began() ? next_start_ - options_.hop : query_; }
 
  private:
-  bool began() const { return next_start_ > query_; }  // a full window has run
   WindowPlan First(WindowKind kind, int64_t last) const;
   WindowPlan Full() const;
   WindowPlan Shifted(int64_t last) const;
@@ -64,7 +69,7 @@ class WindowSchedule {
   WindowOptions options_;
   int64_t query_;
   int64_t next_start_;
-  int64_t covered_;  // newest frame a window has covered
+  int64_t covered_;
 };
 
 }  // namespace holdfast

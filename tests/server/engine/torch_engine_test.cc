@@ -17,6 +17,7 @@
 #include "server/engine/torch_tracker_model.h"
 #include "server/engine/tracks/calibration.h"
 #include "tests/support/golden.h"
+#include "tests/support/memory_sealer.h"
 #include "tests/support/networks.h"
 #include "tests/support/recorders.h"
 #include "tests/support/simulated_clock.h"
@@ -203,6 +204,42 @@ TEST(TorchEngineTest, ProvisionalResultsChangeNoFinalOne) {
   Track(*engine, config, frames, without);
   EXPECT_THAT(with.Final(1), SizeIs(45));
   EXPECT_EQ(with.Final(1), without.Final(1));
+}
+
+TEST(TorchEngineTest, AResumedSessionIsTheSameToTheBit) {
+  const MemorySealer sealer;
+  EngineOptions options = Exact({96, 64});
+  options.sealer = &sealer;
+  options.motion_prior = options.polish = true;
+  auto engine = EngineOf(RandomModel(), options), other = EngineOf(RandomModel(), options);
+  const torch::Tensor frames = RandomFrames(60);
+  SessionConfig config = RawConfig(frames);
+  config.points = {{1, 50, 30}, {2, 20.5f, 40.25f}, {3, 80, 10}};
+  RecordingObserver whole, resumed;
+  Track(*engine, config, frames, whole);
+
+  RecordingListener first;
+  auto session = *engine->OpenSession(config, first);
+  for (int64_t i = 0; i < 41; ++i) ASSERT_THAT(first.Push(*session, FrameOf(frames, i)), IsOk());
+  session->Suspend(absl::UnavailableError("going away"));
+  EXPECT_THAT(first.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
+  ASSERT_THAT(first.checkpoints(), SizeIs(1));
+
+  config.resume_token = first.checkpoints()[0].token;
+  LocalTracker tracker(*other);
+  auto stream = tracker.Open(config, resumed);
+  ASSERT_THAT(stream, IsOk());
+  for (int64_t i = first.checkpoints()[0].next_frame; i < 60; ++i) {
+    ASSERT_THAT((*stream)->PushFrame(FrameOf(frames, i)), IsOk());
+  }
+  ASSERT_THAT((*stream)->Finish(), IsOk());
+  for (const PointId id : {1, 2, 3}) {
+    FinalTrack track = first.Final(id);
+    const FinalTrack rest = resumed.Final(id);
+    track.insert(rest.begin(), rest.end());
+    EXPECT_THAT(track, SizeIs(60));
+    EXPECT_TRUE(track == whole.Final(id)) << "point " << id;
+  }
 }
 
 TEST(TorchTrackerModelTest, KnowsTheBytesOfAFrameBeforehandAndFreesThemOneByOne) {
