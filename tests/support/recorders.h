@@ -158,12 +158,38 @@ class RecordingObserver final : public TrackObserver, public UpdateRecorder {
   void OnAccepted(const SessionAccepted& accepted) override { accepted_ = accepted; }
   void OnTracks(TrackUpdate update) override { Add(std::move(update)); }
   void OnCheckpoint(const Checkpoint& checkpoint) override { Add(checkpoint); }
+  void OnGoingAway(absl::Duration) override ABSL_LOCKS_EXCLUDED(moves_mutex_) {
+    absl::MutexLock lock(&moves_mutex_);
+    ++going_away_;
+  }
+  void OnResumed(const SessionAccepted&) override ABSL_LOCKS_EXCLUDED(moves_mutex_) {
+    absl::MutexLock lock(&moves_mutex_);
+    ++resumed_;
+    moved_.SignalAll();
+  }
   void OnDone(const absl::Status& status, const SessionSummary& summary) override { Done(status, summary); }
+
+  void AwaitResumed(int count) ABSL_LOCKS_EXCLUDED(moves_mutex_) {
+    absl::MutexLock lock(&moves_mutex_);
+    while (resumed_ < count) moved_.Wait(&moves_mutex_);
+  }
+  int resumed() const ABSL_LOCKS_EXCLUDED(moves_mutex_) {
+    absl::MutexLock lock(&moves_mutex_);
+    return resumed_;
+  }
+  int going_away() const ABSL_LOCKS_EXCLUDED(moves_mutex_) {
+    absl::MutexLock lock(&moves_mutex_);
+    return going_away_;
+  }
   // REQUIRES: the session is done.
   const std::optional<SessionAccepted>& accepted() const { return accepted_; }
 
  private:
   std::optional<SessionAccepted> accepted_;
+  mutable absl::Mutex moves_mutex_;
+  absl::CondVar moved_;
+  int resumed_ ABSL_GUARDED_BY(moves_mutex_) = 0;
+  int going_away_ ABSL_GUARDED_BY(moves_mutex_) = 0;
 };
 
 class RecordingMetrics final : public EngineMetrics {
