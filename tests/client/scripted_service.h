@@ -2,10 +2,10 @@
 // A tracking server with checkpoints whose calls go as a test has written them down, one after the other.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
-#include <atomic>
 #include <cstdint>
-#include <cstdlib>
 #include <functional>
 #include <string>
 #include <utility>
