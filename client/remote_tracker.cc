@@ -21,6 +21,7 @@ namespace {
 
 constexpr int kFirstBackoffMs = 100;  // a server that is just starting is found soon
 constexpr int kMaxBackoffMs = 1000;
+constexpr int kNameLookupMs = 2000;  // at most so often: a server that is replaced has another address
 
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const RemoteTracker::Options& options) {
   grpc::ChannelArguments arguments;
@@ -32,6 +33,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const Rem
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kMaxBackoffMs);
+  arguments.SetInt(GRPC_ARG_DNS_MIN_TIME_BETWEEN_RESOLUTIONS_MS, kNameLookupMs);
   return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
 }
 

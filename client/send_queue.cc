@@ -20,14 +20,12 @@ absl::Status SendQueue::Push(v1::TrackRequest request) {
   const int64_t bytes = ReplayBuffer::BytesOf(*message);
   absl::MutexLock lock(&mutex_);
   if (closed_) return absl::FailedPreconditionError("the session was finished before");
-  auto space = ReplayBuffer::Space::kLater;
-  const auto decided = [this, &space, bytes]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    space = buffer_.SpaceFor(bytes);
-    return end_ || (buffer_.unsent() < kMaxUnsent && space != ReplayBuffer::Space::kLater);
+  const auto decided = [this, bytes]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return end_ || (buffer_.unsent() < kMaxUnsent && buffer_.SpaceFor(bytes) != ReplayBuffer::Space::kLater);
   };
   mutex_.Await(absl::Condition(&decided));
   if (end_) return end_->ok() ? absl::FailedPreconditionError("the server has ended the session") : *end_;
-  if (space == ReplayBuffer::Space::kNever) return TooSmall();
+  if (buffer_.SpaceFor(bytes) == ReplayBuffer::Space::kNever) return TooSmall();
   buffer_.Append(message);
   return absl::OkStatus();
 }
