@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <atomic>
+#include <functional>
+#include <memory>
 #include <thread>
 
 #include "absl/synchronization/notification.h"
@@ -280,6 +282,42 @@ TEST(RemoteTrackerTest, AnAbsentServerIsNamedInTheError) {
   EXPECT_THAT(std::string(tracker.status().message()),
               HasSubstr("holdfast: server at " + address + " cannot be reached: "));
   EXPECT_FALSE(ConnectTo("nowhere").ok());
+}
+
+TEST(RemoteTrackerTest, OfSeveralServersTheFirstThatIsThereAnswers) {
+  auto gone = std::make_unique<FakeService>(EchoFrames);
+  FakeService service(EchoFrames);
+  service.info.set_model_name("interim");
+  service.info.set_window_frames(24);
+  RemoteTracker::Options options;
+  options.addresses = {gone->address(), service.address()};
+  options.connect_timeout = absl::Milliseconds(50);
+  auto tracker = RemoteTracker::Connect(options);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  gone.reset();  // the one that had answered
+  const auto info = (*tracker)->Info();
+  ASSERT_TRUE(info.ok()) << info.status();
+  EXPECT_EQ(info->model_name, "interim");
+  EXPECT_TRUE(RemoteTracker::Connect(options).ok());
+  service.Kill();
+  EXPECT_THAT(std::string(RemoteTracker::Connect(options).status().message()),
+              testing::AllOf(HasSubstr(options.addresses[0]), HasSubstr(options.addresses[1])));
+}
+
+TEST(RemoteTrackerTest, OptionsThatMakeNoSenseAreNamed) {
+  const auto field = [](const std::function<void(RemoteTracker::Options&)>& spoil) {
+    RemoteTracker::Options options;
+    options.addresses = {"a:1", "b:2"};
+    EXPECT_TRUE(options.Validate().ok());
+    spoil(options);
+    const auto violations = FieldViolations(options.Validate());
+    return violations.empty() ? "" : violations[0].field;
+  };
+  EXPECT_EQ(field([](auto& o) { o.addresses = {}; }), "addresses");
+  EXPECT_EQ(field([](auto& o) { o.addresses[1] = "nowhere"; }), "addresses");
+  EXPECT_EQ(field([](auto& o) { o.buffer_bytes = 0; }), "buffer_bytes");
+  EXPECT_EQ(field([](auto& o) { o.checkpoint_interval_frames = 0; }), "checkpoint_interval_frames");
+  EXPECT_EQ(field([](auto& o) { o.reconnect_timeout = -absl::Seconds(1); }), "reconnect_timeout");
 }
 
 TEST(RemoteTrackerTest, AServerThatNeverAnswersIsGivenUp) {

@@ -223,6 +223,31 @@ TEST(ResumingStreamTest, ADrainMovesTheSessionToTheNextAddress) {
   EXPECT_THAT(first.seen(), SizeIs(1));
 }
 
+TEST(ResumingStreamTest, ACheckpointOfUseToItsServerAloneGoesBackThere) {
+  auto calls = CutAfter({10});
+  calls[0].resumable = false;
+  ScriptedService first(calls), second(std::vector<ScriptedCall>{});
+  Observer observer;
+  auto stream = Open(At({first.address(), second.address()}), observer);
+  ASSERT_NE(stream, nullptr);
+  EXPECT_THAT(PushAndFinish(*stream, 16), IsOk());
+  EXPECT_THAT(observer.servers, ElementsAre(first.address()));
+  EXPECT_THAT(second.seen(), IsEmpty());
+}
+
+TEST(ResumingStreamTest, ATokenOfTheCallersOwnIsWhereTheSessionBegins) {
+  ScriptedService server(CutAfter({2}));
+  Observer observer;
+  SessionConfig config;
+  config.resume_token = "40";
+  auto stream = Open(At({server.address()}), observer, config);
+  ASSERT_NE(stream, nullptr);
+  EXPECT_THAT(Push(*stream, 40, 46), IsOk());
+  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(observer.events, ElementsAre("accepted", "reconnecting", "resumed 40", "done"));
+  ExpectEachFrameFinalOnce(observer, 6);
+}
+
 TEST(ResumingStreamTest, TheFirstServerMayBeAbsentOrFull) {
   std::string absent;
   {

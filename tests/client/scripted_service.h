@@ -34,6 +34,7 @@ struct ScriptedCall {
   bool ends_at_finish = false;  // with 'end' at the half-close, instead of the summary
   grpc::Status end = grpc::Status(grpc::StatusCode::UNAVAILABLE, "cut");
   bool last_checkpoint = false;           // before the end, as a drain does it
+  bool resumable = true;                  // elsewhere
   bool outgrown = false;                  // all checkpoints are empty
   std::function<void(int64_t)> on_frame;  // before it is answered
 };
@@ -106,7 +107,7 @@ class ScriptedService {
   void Answer(FakeService::Stream& stream, const ScriptedCall& call, int64_t frame) const {
     stream.Write(Sample(1, frame, static_cast<float>(frame), 0));
     if (options_.replay_frames == 0 || (frame + 1) % options_.interval != 0) return;
-    v1::TrackResponse checkpoint = CheckpointAt(std::max<int64_t>(0, frame + 1 - options_.lag));
+    v1::TrackResponse checkpoint = CheckpointAt(std::max<int64_t>(0, frame + 1 - options_.lag), call.resumable);
     if (call.outgrown) checkpoint.mutable_checkpoint()->clear_token();
     stream.Write(checkpoint);
   }
