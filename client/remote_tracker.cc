@@ -7,8 +7,10 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "api/errors.h"
-#include "client/remote_stream.h"
+#include "client/remote_call.h"
+#include "client/resuming_stream.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
 #include "proto/convert.h"
 #include "proto/grpc_deadline.h"
@@ -19,8 +21,9 @@ namespace {
 
 constexpr int kFirstBackoffMs = 100;  // a server that is just starting is found soon
 constexpr int kMaxBackoffMs = 1000;
+constexpr int kNameLookupMs = 2000;  // at most so often: a server that is replaced has another address
 
-std::shared_ptr<grpc::Channel> MakeChannel(const RemoteTracker::Options& options) {
+std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const RemoteTracker::Options& options) {
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(options.max_receive_bytes);
   arguments.SetMaxSendMessageSize(-1);  // the server's limit counts
@@ -30,7 +33,8 @@ std::shared_ptr<grpc::Channel> MakeChannel(const RemoteTracker::Options& options
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kMaxBackoffMs);
-  return grpc::CreateCustomChannel(options.address, grpc::InsecureChannelCredentials(), arguments);
+  arguments.SetInt(GRPC_ARG_DNS_MIN_TIME_BETWEEN_RESOLUTIONS_MS, kNameLookupMs);
+  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
 }
 
 grpc::Status AskInfo(const std::shared_ptr<grpc::Channel>& channel, absl::Duration timeout,
@@ -41,55 +45,88 @@ grpc::Status AskInfo(const std::shared_ptr<grpc::Channel>& channel, absl::Durati
 }
 
 // A channel does not tell why it failed to connect, a call that does not wait for it does.
-absl::Status WhyNotConnected(const std::shared_ptr<grpc::Channel>& channel, absl::string_view address) {
+absl::Status WhyNotConnected(const RemoteServer& server) {
   v1::GetServerInfoResponse ignored;
-  const grpc::Status status = AskInfo(channel, absl::Seconds(1), &ignored);
+  const grpc::Status status = AskInfo(server.channel, absl::Seconds(1), &ignored);
   if (status.ok()) return absl::OkStatus();
   return absl::UnavailableError(
-      absl::StrCat("holdfast: server at ", address, " cannot be reached: ", status.error_message()));
+      absl::StrCat("holdfast: server at ", server.address, " cannot be reached: ", status.error_message()));
+}
+
+absl::Status ConnectTo(const RemoteServer& server, absl::Duration timeout) {
+  if (server.channel->WaitForConnected(SteadyDeadline(timeout))) return absl::OkStatus();
+  return WhyNotConnected(server);
+}
+
+absl::Status CheckAddresses(const std::vector<std::string>& addresses) {
+  if (addresses.empty()) return InvalidFieldError("addresses", "are missing, expected host:port");
+  for (const std::string& address : addresses) {
+    if (absl::StrContains(address, ':')) continue;
+    return InvalidFieldError("addresses", absl::StrCat("hold \"", address, "\", expected host:port"));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
 
 absl::Status RemoteTracker::Options::Validate() const {
-  if (!absl::StrContains(address, ':')) {
-    return InvalidFieldError("address", absl::StrCat("is \"", address, "\", expected host:port"));
-  }
+  if (absl::Status status = CheckAddresses(addresses); !status.ok()) return status;
   if (connect_timeout <= absl::ZeroDuration()) return InvalidFieldError("connect_timeout", "expected more than zero");
   if (answer_timeout <= absl::ZeroDuration()) return InvalidFieldError("answer_timeout", "expected more than zero");
   if (max_receive_bytes <= 0) return InvalidFieldError("max_receive_bytes", "expected more than zero");
+  if (buffer_bytes <= 0) return InvalidFieldError("buffer_bytes", "expected more than zero");
+  if (checkpoint_interval_frames <= 0) {
+    return InvalidFieldError("checkpoint_interval_frames", "expected more than zero");
+  }
+  if (reconnect_timeout < absl::ZeroDuration()) return InvalidFieldError("reconnect_timeout", "expected zero or more");
   return absl::OkStatus();
 }
 
 absl::StatusOr<std::unique_ptr<RemoteTracker>> RemoteTracker::Connect(const Options& options) {
   const absl::Status valid = options.Validate();
   if (!valid.ok()) return valid;
-  std::shared_ptr<grpc::Channel> channel = MakeChannel(options);
-  if (!channel->WaitForConnected(SteadyDeadline(options.connect_timeout))) {
-    const absl::Status reason = WhyNotConnected(channel, options.address);
-    if (!reason.ok()) return reason;
+  std::vector<RemoteServer> servers;
+  for (const std::string& address : options.addresses) servers.push_back({address, MakeChannel(address, options)});
+  std::vector<std::string> reasons;
+  for (size_t i = 0; i < servers.size(); ++i) {
+    const absl::Status connected = ConnectTo(servers[i], options.connect_timeout);
+    if (connected.ok()) return std::unique_ptr<RemoteTracker>(new RemoteTracker(options, std::move(servers), i));
+    reasons.emplace_back(connected.message());
   }
-  return std::unique_ptr<RemoteTracker>(new RemoteTracker(options, std::move(channel)));
+  return absl::UnavailableError(absl::StrJoin(reasons, "; "));
 }
 
-RemoteTracker::RemoteTracker(const Options& options, std::shared_ptr<grpc::Channel> channel)
-    : options_(options), channel_(std::move(channel)) {}
+RemoteTracker::RemoteTracker(const Options& options, std::vector<RemoteServer> servers, size_t first_server)
+    : options_(options), servers_(std::move(servers)), first_server_(first_server) {}
 
 RemoteTracker::~RemoteTracker() = default;
 
 absl::StatusOr<std::unique_ptr<TrackStream>> RemoteTracker::Open(const SessionConfig& config, TrackObserver& observer) {
-  auto stream = std::make_unique<RemoteStream>(channel_, options_.address, observer);
-  const absl::Status started = stream->Start(config, options_.answer_timeout);
-  if (!started.ok()) return started;
+  SessionConfig wanted = config;
+  if (options_.resume && wanted.checkpoint_interval_frames == 0) {
+    wanted.checkpoint_interval_frames = options_.checkpoint_interval_frames;
+  }
+  auto stream = std::make_unique<ResumingStream>(
+      ResumingStream::Options{servers_, first_server_, options_.answer_timeout, options_.resume, options_.buffer_bytes,
+                              options_.reconnect_timeout, options_.backoff},
+      wanted, observer);
+  const absl::Status answer = stream->AwaitAnswer();
+  if (!answer.ok()) return answer;
   return std::unique_ptr<TrackStream>(std::move(stream));
 }
 
 absl::StatusOr<TrackerInfo> RemoteTracker::Info() {
-  v1::GetServerInfoResponse response;
-  const grpc::Status status = AskInfo(channel_, options_.answer_timeout, &response);
-  if (!status.ok()) return AboutServer(options_.address, FromGrpcStatus(status));
-  absl::StatusOr<TrackerInfo> info = FromProto(response);
-  return info.ok() ? info : AboutServer(options_.address, info.status());
+  absl::StatusOr<TrackerInfo> info;
+  for (size_t i = 0; i < servers_.size(); ++i) {
+    const RemoteServer& server = servers_[(first_server_ + i) % servers_.size()];
+    v1::GetServerInfoResponse response;
+    const grpc::Status status = AskInfo(server.channel, options_.answer_timeout, &response);
+    info = status.ok() ? FromProto(response) : absl::StatusOr<TrackerInfo>(FromGrpcStatus(status));
+    if (info.ok()) return info;
+    info = AboutServer(server.address, info.status());
+    if (!absl::IsUnavailable(info.status())) break;
+  }
+  return info;
 }
 
 }  // namespace holdfast

@@ -1,31 +1,48 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "api/point_tracker.h"
-
-namespace grpc {
-class Channel;
-}
+#include "client/backoff.h"
 
 namespace holdfast {
 
-// PointTracker on a server, over gRPC. Thread-safe; streams keep the connection alive and may outlive the tracker.
-// Each stream has a thread that reads results, so that results flow while a write waits; a write waits while the
-// server has no room, which is how a slow server slows its client. Every error names the server's address, and the
-// last frame sent where there is one; field violations and overload details are kept (see api/errors.h). Whatever the
-// server sent before a session was lost reaches the observer before OnDone.
+struct RemoteServer;
+
+// PointTracker on one of several servers, over gRPC. Thread-safe; streams keep their connections alive and may outlive
+// the tracker. Results flow while a write waits; a write waits while the server has no room, which is how a slow server
+// slows its client. Every error names the server's address, and the last frame sent where there is one; field
+// violations and overload details are kept (see api/errors.h). Whatever a server sent before it was lost reaches the
+// observer.
+// A session outlives its server (see Options::resume): the stream keeps what it sent since the newest checkpoint, and
+// sends it again to the next server that takes the session over. The observer sees one session in which nothing is
+// final twice; it hears of the change by OnReconnecting and OnResumed.
 class RemoteTracker final : public PointTracker {
  public:
   struct Options {
-    std::string address;                                // "host:port"
-    absl::Duration connect_timeout = absl::Seconds(5);  // for the connection to stand
-    absl::Duration answer_timeout = absl::Seconds(30);  // for the server to accept a session, or to answer Info()
+    // "host:port", tried in order and in rotation. A host's name may have several addresses of its own.
+    std::vector<std::string> addresses;
+    absl::Duration connect_timeout = absl::Seconds(5);  // for the connection to stand, at each address
+    absl::Duration answer_timeout = absl::Seconds(30);  // for a server to accept a session, or to answer Info()
+
+    // Sessions go on when their server is lost; false: they end. Servers that make no checkpoints end them as well.
+    bool resume = true;
+    // Of messages that a stream keeps for that. PushFrame waits while they are full; a session for which they can never
+    // do is ended with RESOURCE_EXHAUSTED, which says how much it takes.
+    int64_t buffer_bytes = int64_t{256} << 20;
+    int checkpoint_interval_frames = 24;  // asked for where SessionConfig leaves it open
+    // How long a session that lost its server may look for one; then it ends with the last error.
+    absl::Duration reconnect_timeout = absl::Minutes(2);
+    Backoff::Options backoff;  // between attempts
+
     // After so long a silence the peer is asked whether it lives, and after that time without an answer the connection
     // is given up. Together they are how long a dead server goes unnoticed; servers drop clients that ask too often.
     absl::Duration keepalive_time = absl::Seconds(30);
@@ -35,19 +52,22 @@ class RemoteTracker final : public PointTracker {
     absl::Status Validate() const;
   };
 
-  // Blocks until the connection stands. UNAVAILABLE when it does not within the timeout; the reason is in the text.
+  // Blocks until a connection stands, at the first address that answers. UNAVAILABLE when none does within its timeout;
+  // the reasons are in the text.
   static absl::StatusOr<std::unique_ptr<RemoteTracker>> Connect(const Options& options);
   ~RemoteTracker() override;
 
-  // Blocks until the server has accepted or refused the session. A refused session's status comes here and to OnDone.
+  // Blocks until a server has accepted the session, or each that is there has refused it. A refused session's status
+  // comes here and to OnDone.
   absl::StatusOr<std::unique_ptr<TrackStream>> Open(const SessionConfig& config, TrackObserver& observer) override;
   absl::StatusOr<TrackerInfo> Info() override;
 
  private:
-  RemoteTracker(const Options& options, std::shared_ptr<grpc::Channel> channel);
+  RemoteTracker(const Options& options, std::vector<RemoteServer> servers, size_t first_server);
 
   const Options options_;
-  const std::shared_ptr<grpc::Channel> channel_;
+  const std::vector<RemoteServer> servers_;
+  const size_t first_server_;  // the one that answered
 };
 
 }  // namespace holdfast

@@ -7,13 +7,22 @@
 #include "absl/flags/flag.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "client/cli/info_command.h"
 #include "client/cli/track_command.h"
 #include "client/remote_tracker.h"
 
-ABSL_FLAG(std::string, server, "localhost:50051", "Connects to the tracking server at this host:port.");
+ABSL_FLAG(std::string, server, "localhost:50051",
+          "Connects to the tracking server at this host:port. Of several, host:port,host:port, the first that answers; "
+          "the others take over when it is lost.");
 ABSL_FLAG(absl::Duration, connect_timeout, holdfast::RemoteTracker::Options().connect_timeout,
           "Gives up when the connection does not stand after this time.");
+ABSL_FLAG(bool, resume, holdfast::RemoteTracker::Options().resume,
+          "Goes on where it was when the server is lost and comes back, or another one of --server takes over.");
+ABSL_FLAG(int64_t, buffer_mib, holdfast::RemoteTracker::Options().buffer_bytes >> 20,
+          "Keeps at most so many MiB of sent frames for that; waits for the server while it is full.");
+ABSL_FLAG(absl::Duration, reconnect_timeout, holdfast::RemoteTracker::Options().reconnect_timeout,
+          "Gives up when no server takes over within this time.");
 ABSL_FLAG(std::string, points, "",
           "Tracks the points of this file: .csv with lines id,x,y[,frame], or .json with [{id, x, y, frame}].");
 ABSL_FLAG(int, grid, 0, "Tracks about this many points spread over the frame, or this many on --mask.");
@@ -45,6 +54,7 @@ namespace {
 constexpr int kOk = 0;
 constexpr int kFailed = 1;
 constexpr int kUsage = 2;
+constexpr int64_t kMaxBufferMib = 1 << 20;
 
 constexpr char kUsageText[] = R"(Tracks points through video with a Holdfast server.
 
@@ -55,7 +65,8 @@ Usage: holdfast track INPUT [flags]   follow points and write their tracks
 INPUT is a video file, a directory of .jpg or .png frames, camera:0 or /dev/video0.
 Every flag can also be set in the environment: HOLDFAST_SERVER for --server.
 
-A run that is cut short (Ctrl-C, a lost server, a broken INPUT) keeps what it has tracked and says which frames are
+When the server is lost, a run goes on as soon as it is back, or with the next of several (--server=a:50051,b:50051).
+A run that is cut short (Ctrl-C, no server any more, a broken INPUT) keeps what it has tracked and says which frames are
 missing. Exit codes: 0 done, 1 failed, 2 called wrongly, 130 after Ctrl-C, 143 after SIGTERM.
 
 Example: holdfast track walk.mp4 --grid=100 --out=tracks.json --overlay=overlay.mp4
@@ -64,6 +75,7 @@ Example: holdfast track walk.mp4 --grid=100 --out=tracks.json --overlay=overlay.
 std::string Help() {
   return absl::StrCat(
       kUsageText, "\nServer (track and info):\n", DescribeFlags({"server", "connect_timeout"}),
+      "\nWhen the server is lost (track):\n", DescribeFlags({"resume", "buffer_mib", "reconnect_timeout"}),
       "\nPoints (track; at least one of points, grid and mask):\n",
       DescribeFlags({"points", "grid", "mask", "query_frame"}),
       "\nResults (track; at least one of out, overlay and still):\n",
@@ -93,9 +105,23 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
 
 RemoteTracker::Options ServerFromFlags() {
   RemoteTracker::Options options;
-  options.address = absl::GetFlag(FLAGS_server);
+  options.addresses = absl::StrSplit(absl::GetFlag(FLAGS_server), ',', absl::SkipEmpty());
   options.connect_timeout = absl::GetFlag(FLAGS_connect_timeout);
+  options.resume = absl::GetFlag(FLAGS_resume);
+  options.buffer_bytes = absl::GetFlag(FLAGS_buffer_mib) << 20;
+  options.reconnect_timeout = absl::GetFlag(FLAGS_reconnect_timeout);
   return options;
+}
+
+// What is wrong with the flags themselves, before a server is looked for.
+absl::Status CheckServerFlags() {
+  if (absl::GetFlag(FLAGS_buffer_mib) < 1 || absl::GetFlag(FLAGS_buffer_mib) > kMaxBufferMib) {
+    return absl::InvalidArgumentError(absl::StrCat("--buffer_mib: expected 1..", kMaxBufferMib));
+  }
+  if (absl::GetFlag(FLAGS_reconnect_timeout) < absl::ZeroDuration()) {
+    return absl::InvalidArgumentError("--reconnect_timeout: expected 0 or more");
+  }
+  return absl::OkStatus();
 }
 
 // Texts of RemoteTracker begin with the program's name already.
@@ -111,6 +137,7 @@ int Track(const std::vector<std::string>& args, const Console& console, StopSign
   }
   const auto options = TrackOptionsFromFlags(args[0]);
   if (!options.ok()) return Fail(console, options.status(), kUsage);
+  if (const absl::Status flags = CheckServerFlags(); !flags.ok()) return Fail(console, flags, kUsage);
   const auto connect = []() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
     return RemoteTracker::Connect(ServerFromFlags());
   };

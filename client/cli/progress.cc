@@ -31,6 +31,11 @@ void Progress::Update(int64_t done, int64_t lag) {
   Draw();
 }
 
+void Progress::Interrupt() {
+  if (options_.terminal && drawn_) out_ << "\n";
+  drawn_ = false;
+}
+
 void Progress::Close() {
   if (closed_) return;
   closed_ = true;
@@ -47,6 +52,7 @@ std::string Progress::Line() const {
 
 void Progress::Draw() {
   last_done_ = done_;
+  drawn_ = true;
   if (!options_.terminal) {
     out_ << Line() << "\n" << std::flush;
     return;

@@ -26,6 +26,8 @@ class Progress {
 
   // 'lag': frames sent whose features are not computed yet. Draws only when it is time to.
   void Update(int64_t done, int64_t lag);
+  // Something else is written next: ends the line of a terminal's bar, which is drawn anew later on.
+  void Interrupt();
   // Draws the last state, unless a log says it already, and ends the line; later updates draw nothing.
   void Close();
 
@@ -40,6 +42,7 @@ class Progress {
   int64_t done_ = 0;
   int64_t last_done_ = -1;  // as drawn
   int64_t lag_ = 0;
+  bool drawn_ = false;  // and the line not ended
   bool closed_ = false;
 };
 

@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
 #include "absl/synchronization/mutex.h"
 #include "api/clock.h"
 #include "client/cli/answer_times.h"
@@ -79,6 +80,17 @@ class TrackRun final : public TrackObserver {
   void OnWarning(const absl::Status& warning) override {
     absl::MutexLock lock(&mutex_);
     environment_.log << "warning: " << warning.message() << "\n";
+  }
+
+  void OnReconnecting(const absl::Status& lost) override {
+    absl::MutexLock lock(&mutex_);
+    progress_.Interrupt();
+    environment_.log << absl::StripPrefix(lost.message(), "holdfast: ") << "; reconnecting\n" << std::flush;
+  }
+
+  void OnResumed(const SessionAccepted& accepted) override {
+    absl::MutexLock lock(&mutex_);
+    environment_.log << "resumed at frame " << accepted.first_frame << " on " << accepted.server << "\n" << std::flush;
   }
 
   // Finish returns the status as well. Nobody waits for the input of a session that is over.

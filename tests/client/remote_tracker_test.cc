@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <atomic>
+#include <functional>
+#include <memory>
 #include <thread>
 
 #include "absl/synchronization/notification.h"
@@ -44,7 +46,7 @@ class Recorder final : public TrackObserver {
 
 absl::StatusOr<std::unique_ptr<RemoteTracker>> ConnectTo(const std::string& address) {
   RemoteTracker::Options options;
-  options.address = address;
+  options.addresses = {address};
   return RemoteTracker::Connect(options);
 }
 
@@ -110,7 +112,8 @@ TEST(RemoteTrackerTest, SendsConfigFramesAndPointsAsTheProtocolSays) {
   EXPECT_TRUE((*stream)->AddPoints({{9, 5, 6}}).ok());
   EXPECT_TRUE((*stream)->RemovePoints({7, 8}).ok());
   EXPECT_TRUE((*stream)->Finish().ok());
-  EXPECT_THAT(seen, ElementsAre("config { encoding: FRAME_ENCODING_JPEG hop_frames: 4 points { id: 7 x: 1 y: 2 } }",
+  EXPECT_THAT(seen, ElementsAre("config { encoding: FRAME_ENCODING_JPEG hop_frames: 4 points { id: 7 x: 1 y: 2 } "
+                                "checkpoint_interval_frames: 24 }",
                                 "frame { data: \"fff\" points { id: 8 x: 3 y: 4 } }",
                                 "add_points { points { id: 9 x: 5 y: 6 } }", "remove_points { ids: 7 ids: 8 }"));
 }
@@ -272,13 +275,49 @@ TEST(RemoteTrackerTest, AnAbsentServerIsNamedInTheError) {
     address = service.address();
   }
   RemoteTracker::Options options;
-  options.address = address;
+  options.addresses = {address};
   options.connect_timeout = absl::Milliseconds(50);
   const auto tracker = RemoteTracker::Connect(options);
   EXPECT_EQ(tracker.status().code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(std::string(tracker.status().message()),
               HasSubstr("holdfast: server at " + address + " cannot be reached: "));
   EXPECT_FALSE(ConnectTo("nowhere").ok());
+}
+
+TEST(RemoteTrackerTest, OfSeveralServersTheFirstThatIsThereAnswers) {
+  auto gone = std::make_unique<FakeService>(EchoFrames);
+  FakeService service(EchoFrames);
+  service.info.set_model_name("interim");
+  service.info.set_window_frames(24);
+  RemoteTracker::Options options;
+  options.addresses = {gone->address(), service.address()};
+  options.connect_timeout = absl::Milliseconds(50);
+  auto tracker = RemoteTracker::Connect(options);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  gone.reset();  // the one that had answered
+  const auto info = (*tracker)->Info();
+  ASSERT_TRUE(info.ok()) << info.status();
+  EXPECT_EQ(info->model_name, "interim");
+  EXPECT_TRUE(RemoteTracker::Connect(options).ok());
+  service.Kill();
+  EXPECT_THAT(std::string(RemoteTracker::Connect(options).status().message()),
+              testing::AllOf(HasSubstr(options.addresses[0]), HasSubstr(options.addresses[1])));
+}
+
+TEST(RemoteTrackerTest, OptionsThatMakeNoSenseAreNamed) {
+  const auto field = [](const std::function<void(RemoteTracker::Options&)>& spoil) {
+    RemoteTracker::Options options;
+    options.addresses = {"a:1", "b:2"};
+    EXPECT_TRUE(options.Validate().ok());
+    spoil(options);
+    const auto violations = FieldViolations(options.Validate());
+    return violations.empty() ? "" : violations[0].field;
+  };
+  EXPECT_EQ(field([](auto& o) { o.addresses = {}; }), "addresses");
+  EXPECT_EQ(field([](auto& o) { o.addresses[1] = "nowhere"; }), "addresses");
+  EXPECT_EQ(field([](auto& o) { o.buffer_bytes = 0; }), "buffer_bytes");
+  EXPECT_EQ(field([](auto& o) { o.checkpoint_interval_frames = 0; }), "checkpoint_interval_frames");
+  EXPECT_EQ(field([](auto& o) { o.reconnect_timeout = -absl::Seconds(1); }), "reconnect_timeout");
 }
 
 TEST(RemoteTrackerTest, AServerThatNeverAnswersIsGivenUp) {
@@ -289,13 +328,13 @@ TEST(RemoteTrackerTest, AServerThatNeverAnswersIsGivenUp) {
     return grpc::Status::OK;
   });
   RemoteTracker::Options options;
-  options.address = service.address();
+  options.addresses = {service.address()};
   options.answer_timeout = absl::Milliseconds(20);
   auto tracker = RemoteTracker::Connect(options);
   ASSERT_TRUE(tracker.ok());
   Recorder recorder;
   EXPECT_EQ((*tracker)->Open({}, recorder).status().code(), absl::StatusCode::kDeadlineExceeded);
-  EXPECT_EQ(recorder.done.code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(recorder.done.code(), absl::StatusCode::kDeadlineExceeded);
 }
 
 TEST(RemoteTrackerTest, ASlowServerSlowsTheWriterInsteadOfFillingItsMemory) {

@@ -140,7 +140,8 @@ class CliTest(unittest.TestCase):
         tracked, final = 'holdfast_frames_total{result="tracked"}', "holdfast_final_latency_seconds_count"
         tracked_before, final_before = server.metric(tracked), server.metric(final)
         client = subprocess.Popen(**self.command("track", pipe, f"--server={server.address}", "--grid=9",
-                                                 f"--out={self.path(out)}", f"--overlay={self.path('o.mp4')}"))
+                                                 "--reconnect_timeout=1s", f"--out={self.path(out)}",
+                                                 f"--overlay={self.path('o.mp4')}"))
         with open(pipe, "wb", buffering=0) as stream:
             stream.write(moving_picture(SENT))
             server.wait_for_metric(tracked, tracked_before + SENT - 8)

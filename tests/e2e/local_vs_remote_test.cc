@@ -122,7 +122,7 @@ TEST(LocalVsRemoteTest, BothGiveTheSameTracks) {
   ASSERT_THAT(server, IsOk());
   (*server)->Serve(**engine);
   RemoteTracker::Options client;
-  client.address = absl::StrCat("127.0.0.1:", (*server)->port());
+  client.addresses = {absl::StrCat("127.0.0.1:", (*server)->port())};
   const auto remote = RemoteTracker::Connect(client);
   ASSERT_THAT(remote, IsOk());
   Collector over_the_wire;

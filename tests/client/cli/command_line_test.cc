@@ -6,13 +6,14 @@
 
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
 #include "absl/flags/reflection.h"
-#include "tests/client/fake_service.h"
+#include "tests/client/scripted_service.h"
 #include "tests/support/temp_dir.h"
 
 namespace holdfast {
@@ -72,6 +73,8 @@ TEST_F(CommandLineTest, WrongCallsAreCode2AndSayWhy) {
       {{"track", "a.mp4", "--grid=5", "--out=t.txt"}, "t.txt"},
       {{"track", "a.mp4", "--grid=5", "--overlay=t.avi"}, "t.avi"},
       {{"track", "a.mp4", "--grid=5", "--out=t.csv", "--processing_size=500x384"}, "--processing_size"},
+      {{"track", "a.mp4", "--grid=5", "--out=t.csv", "--buffer_mib=0"}, "--buffer_mib"},
+      {{"track", "a.mp4", "--grid=5", "--out=t.csv", "--reconnect_timeout=-1s"}, "--reconnect_timeout"},
   };
   for (const auto& [args, reason] : calls) {
     EXPECT_EQ(Run(args), 2) << reason;
@@ -109,6 +112,43 @@ TEST_F(CommandLineTest, AStoppedRunHasTheCodeOfItsSignal) {
     EXPECT_THAT(err_.str(), AllOf(HasSubstr("no estimate came"), HasSubstr("holdfast: interrupted\n")));
     EXPECT_FALSE(std::filesystem::exists(dir.File("t.json")));
   }
+}
+
+// Nine frames, and a file of one point; the arguments that track it.
+std::vector<std::string> TrackNineFrames(const TempDir& dir, const std::string& server) {
+  std::filesystem::create_directory(dir.File("frames"));
+  for (int i = 0; i < 9; ++i) {
+    cv::imwrite(dir.File("frames/" + std::to_string(i) + ".png"), cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(i)));
+  }
+  std::ofstream(dir.File("p.csv")) << "1,10,20\n";
+  return {"track", dir.File("frames"), "--server=" + server, "--points=" + dir.File("p.csv"),
+          "--out=" + dir.File("t.json")};
+}
+
+TEST_F(CommandLineTest, ASecondServerTakesOverFromAFirstThatIsLost) {
+  const TempDir dir;
+  std::vector<ScriptedCall> calls(1);
+  calls[0].frames = 6;
+  ScriptedService first(calls), second(std::vector<ScriptedCall>{});
+  EXPECT_EQ(Run(TrackNineFrames(dir, first.address() + "," + second.address())), 0) << err_.str();
+  const auto json = nlohmann::json::parse(std::ifstream(dir.File("t.json")));
+  EXPECT_EQ(json["complete"], true);
+  EXPECT_EQ(json["frames"], 9);
+  EXPECT_THAT(err_.str(), AllOf(HasSubstr("server at " + first.address() + " is unavailable: cut"),
+                                HasSubstr("; reconnecting\nresumed at frame 2 on " + second.address() + "\n")));
+}
+
+TEST_F(CommandLineTest, WithoutResumeTheFirstLossIsTheEnd) {
+  const TempDir dir;
+  std::vector<ScriptedCall> calls(1);
+  calls[0].frames = 6;
+  ScriptedService server(calls);
+  auto args = TrackNineFrames(dir, server.address());
+  args.push_back("--resume=false");
+  EXPECT_EQ(Run(args), 1);
+  EXPECT_EQ(nlohmann::json::parse(std::ifstream(dir.File("t.json")))["complete"], false);
+  EXPECT_THAT(err_.str(),
+              AllOf(HasSubstr("kept in "), HasSubstr("is unavailable: cut"), Not(HasSubstr("reconnecting"))));
 }
 
 TEST_F(CommandLineTest, AnAbsentServerIsNamedOnce) {

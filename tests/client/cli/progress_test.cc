@@ -73,6 +73,19 @@ TEST_F(ProgressTest, ALogDoesNotSayTheSameTwice) {
   EXPECT_EQ(out_.str(), said);
 }
 
+TEST_F(ProgressTest, WhatInterruptsABarHasALineOfItsOwn) {
+  Progress progress(Options(true, 40), out_);
+  progress.Interrupt();
+  EXPECT_THAT(out_.str(), IsEmpty());
+  now_ += std::chrono::seconds(1);
+  progress.Update(20, 7);
+  progress.Interrupt();
+  EXPECT_THAT(out_.str(), EndsWith("lag 7\x1b[K\n"));
+  const std::string ended = out_.str();
+  progress.Interrupt();
+  EXPECT_EQ(out_.str(), ended);
+}
+
 TEST_F(ProgressTest, MoreFramesThanAnnouncedDoNotBreakTheBar) {
   Progress progress(Options(true, 10), out_);
   now_ += std::chrono::seconds(1);

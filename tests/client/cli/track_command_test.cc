@@ -257,6 +257,26 @@ TEST_F(TrackCommandTest, EveryFormatKeepsFinalAndProvisionalEstimates) {
   EXPECT_EQ(std::count(std::istreambuf_iterator<char>(csv), {}, '\n'), 6) << "a header and five frames";
 }
 
+TEST_F(TrackCommandTest, ALostServerThatIsReplacedIsTwoLinesInTheLogAndNothingInTheTracks) {
+  Points("1,10,20\n");
+  ScriptedTracker tracker([](TrackObserver& observer, int64_t frame) {
+    observer.OnTracks(Window(frame, frame));
+    if (frame != 3) return absl::OkStatus();
+    observer.OnReconnecting(absl::UnavailableError("holdfast: server at a:1 is unavailable: Socket closed"));
+    SessionAccepted accepted;
+    accepted.first_frame = 2;
+    accepted.server = "b:2";
+    observer.OnResumed(accepted);
+    return absl::OkStatus();
+  });
+  EXPECT_THAT(Run(tracker), IsOk());
+  EXPECT_EQ(Tracks()["complete"], true);
+  EXPECT_EQ(Tracks()["frames"], 6);
+  EXPECT_THAT(log_.str(),
+              HasSubstr("server at a:1 is unavailable: Socket closed; reconnecting\nresumed at frame 2 on b:2\n"));
+  EXPECT_THAT(log_.str(), Not(HasSubstr("holdfast: server")));
+}
+
 TEST_F(TrackCommandTest, WithoutAnyEstimateOldFilesStay) {
   options_.overlay.video = dir_.File("overlay.mp4");
   for (const std::string& path : {options_.out, options_.overlay.video}) std::ofstream(path) << "old";

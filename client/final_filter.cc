@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/final_filter.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+namespace holdfast {
+namespace {
+
+template <typename Value>
+void DropFirst(int64_t count, std::vector<Value>& values) {
+  values.erase(values.begin(), values.begin() + count);
+}
+
+// Those of frames that no run speaks of any more.
+void DropOldTimes(TrackUpdate& update) {
+  int64_t first = std::numeric_limits<int64_t>::max();
+  for (const PointRun& run : update.runs) first = std::min(first, run.first_frame);
+  auto& times = update.capture_times;
+  times.erase(times.begin(),
+              std::find_if(times.begin(), times.end(), [first](const FrameTime& time) { return time.frame >= first; }));
+}
+
+}  // namespace
+
+void FinalFilter::Apply(TrackUpdate& update) {
+  update.frames_received = frames_received_ = std::max(frames_received_, update.frames_received);
+  update.frames_processed = frames_processed_ = std::max(frames_processed_, update.frames_processed);
+  if (!repeated_.empty()) {
+    for (PointRun& run : update.runs) Cut(run);
+    const auto empty = [](const PointRun& run) { return run.x.empty(); };
+    update.runs.erase(std::remove_if(update.runs.begin(), update.runs.end(), empty), update.runs.end());
+    DropOldTimes(update);
+  }
+  for (const PointRun& run : update.runs) {
+    if (run.final_count == 0) continue;
+    int64_t& before = reported_[run.id];
+    before = std::max(before, run.first_frame + run.final_count);
+  }
+}
+
+void FinalFilter::Cut(PointRun& run) const {
+  const auto found = repeated_.find(run.id);
+  if (found == repeated_.end() || found->second <= run.first_frame) return;
+  const int64_t count = std::min(found->second - run.first_frame, static_cast<int64_t>(run.x.size()));
+  DropFirst(count, run.x);
+  DropFirst(count, run.y);
+  DropFirst(count, run.visible);
+  DropFirst(count, run.confidence);
+  run.first_frame += count;
+  run.final_count = std::max<int64_t>(0, run.final_count - count);
+}
+
+void FinalFilter::ForgetBefore(int64_t frame) {
+  const auto old = [frame](const FramesByPoint::value_type& point) { return point.second <= frame; };
+  absl::erase_if(reported_, old);
+  absl::erase_if(repeated_, old);
+}
+
+}  // namespace holdfast
