@@ -14,7 +14,9 @@
 namespace holdfast {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
 // Refused calls are how a client sees that the drain has begun.
@@ -49,7 +51,7 @@ TEST(DrainTest, RunningSessionsFinishAndNewOnesAreRefused) {
   EXPECT_EQ(server.server().state(), LifecycleState::kStopped);
 }
 
-TEST(DrainTest, SessionsThatOutlastTheGracePeriodGetTheirResultsAndUnavailable) {
+TEST(DrainTest, SessionsThatOutlastTheGracePeriodAreToldAndGetACheckpointAndUnavailable) {
   FakeEngine engine;
   TestServer server(&engine);
   const auto channel = server.NewChannel();
@@ -58,14 +60,55 @@ TEST(DrainTest, SessionsThatOutlastTheGracePeriodGetTheirResultsAndUnavailable) 
   running.SendFrames(3);
   engine.AwaitFramesTaken(3);
   std::thread drain([&] { server.server().Drain(); });
-  EXPECT_THAT(AwaitRefusal(channel), StatusIs(absl::StatusCode::kUnavailable));
+  while (running.times_left.empty()) ASSERT_TRUE(running.ReadOne());
+  EXPECT_THAT(running.times_left, ElementsAre(20));
+  EXPECT_THAT(running.checkpoints, IsEmpty());
   server.clock().Advance(absl::Seconds(21));
-  EXPECT_THAT(running.ReadToEnd(), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(running.ReadToEnd(), StatusIs(absl::StatusCode::kUnavailable, HasSubstr("shutting down")));
+  EXPECT_THAT(running.times_left, SizeIs(1));
   EXPECT_THAT(running.tracks[7], SizeIs(3));
-  for (const auto& [frame, sample] : running.tracks[7]) EXPECT_TRUE(sample.final) << frame;
+  ASSERT_THAT(running.checkpoints, SizeIs(1));
+  EXPECT_EQ(running.checkpoints[0].token(), "token-3");
+  EXPECT_EQ(running.checkpoints[0].next_frame(), 3);
+  EXPECT_EQ(running.kinds.back(), v1::TrackResponse::kCheckpoint);
   EXPECT_FALSE(silent.ReadToEnd().ok());
+  EXPECT_THAT(silent.kinds, IsEmpty());
   drain.join();
   EXPECT_EQ(engine.live_sessions(), 0);
+}
+
+TEST(DrainTest, SessionsThatBeginDuringTheDrainAreToldToo) {
+  FakeEngine engine;
+  TestServer server(&engine);
+  const auto channel = server.NewChannel();
+  TrackCall running(channel, JpegConfig());
+  TrackCall late(channel);
+  std::thread drain([&] { server.server().Drain(); });
+  while (running.times_left.empty()) ASSERT_TRUE(running.ReadOne());
+  server.clock().Advance(absl::Seconds(8));
+  late.SendConfig(ToProto(JpegConfig()));
+  while (late.times_left.empty()) ASSERT_TRUE(late.ReadOne());
+  EXPECT_THAT(late.kinds, ElementsAre(v1::TrackResponse::kAccepted, v1::TrackResponse::kGoingAway));
+  EXPECT_THAT(late.times_left, ElementsAre(12));
+  EXPECT_THAT(late.FinishAndReadToEnd(), IsOk());
+  EXPECT_THAT(running.FinishAndReadToEnd(), IsOk());
+  drain.join();
+}
+
+TEST(DrainTest, WithoutAGracePeriodSessionsAreSuspendedAtOnce) {
+  FakeEngine engine;
+  ServerOptions options;
+  options.grace_period = absl::ZeroDuration();
+  TestServer server(&engine, options);
+  TrackCall running(server.NewChannel(), JpegConfig());
+  running.SendFrame(0);
+  engine.AwaitFramesTaken(1);
+  std::thread drain([&] { server.server().Drain(); });
+  EXPECT_THAT(running.ReadToEnd(), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(running.times_left, ElementsAre(0));
+  ASSERT_THAT(running.checkpoints, SizeIs(1));
+  EXPECT_EQ(running.checkpoints[0].next_frame(), 1);
+  drain.join();
 }
 
 TEST(DrainTest, AClientThatDoesNotReadCannotHoldItUp) {
