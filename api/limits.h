@@ -19,6 +19,10 @@ constexpr size_t kMaxLabelBytes = 128;  // of a session's label
 constexpr size_t kMaxFieldViolations = 8;
 constexpr size_t kMaxViolationText = 160;  // bytes of a field's path, and of a description, that an error quotes
 
+// Most bytes of a checkpoint's token. Servers take messages a little larger than that, whatever frames they accept, and
+// RemoteTracker takes ones four times as large.
+constexpr int64_t kMaxTokenBytes = int64_t{16} << 20;
+
 // Most bytes of an encoded picture that are not the picture: comments, profiles, thumbnails.
 constexpr int64_t kMaxMetadataBytes = int64_t{4} << 20;
 

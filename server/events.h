@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
+
 namespace holdfast {
 
 enum class RefusalReason { kLoading, kDraining, kStreams };
+enum class ResumeResult { kResumed, kRefused };
 
 // What the server reports beside the engine's events. Implementations are thread-safe and quick.
 class ServerEvents {
  public:
   virtual ~ServerEvents() = default;
   virtual void StreamRefused(RefusalReason reason) = 0;  // before it reached the engine
+  virtual void SessionResumed(ResumeResult result) = 0;  // what came of a stream that began with a token
+  virtual void CheckpointSent(int64_t token_bytes) = 0;
 };
 
 }  // namespace holdfast

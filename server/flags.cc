@@ -86,6 +86,13 @@ ABSL_FLAG(absl::Duration, idle_timeout, Defaults().idle_timeout,
           "Ends a stream whose client has neither sent nor read for this time. inf: never.");
 ABSL_FLAG(absl::Duration, grace_period, Defaults().grace_period,
           "Leaves running sessions this much time to finish by themselves at shutdown.");
+ABSL_FLAG(
+    std::string, checkpoint_keys, Defaults().checkpoint_keys,
+    "Signs checkpoints with the keys of this file, one id:secret a line, the secret of at least 32 bytes in hex or "
+    "Base64: the first one signs, all are taken, and a changed file is read again. Servers that share it take up "
+    "each other's sessions. Empty: with a random key, so that sessions are resumed by this process only.");
+ABSL_FLAG(absl::Duration, checkpoint_max_age, Defaults().checkpoint_max_age,
+          "Refuses checkpoints that are older than this. inf: none.");
 ABSL_FLAG(absl::Duration, keepalive_time, Defaults().keepalive_time,
           "Pings a client that has been silent for this time, and drops it when it does not answer. inf: never.");
 ABSL_FLAG(absl::Duration, max_connection_age, Defaults().max_connection_age,
@@ -168,6 +175,8 @@ absl::StatusOr<ServerOptions> OptionsFromFlags() {
   options.first_message_timeout = absl::GetFlag(FLAGS_first_message_timeout);
   options.idle_timeout = absl::GetFlag(FLAGS_idle_timeout);
   options.grace_period = absl::GetFlag(FLAGS_grace_period);
+  options.checkpoint_keys = absl::GetFlag(FLAGS_checkpoint_keys);
+  options.checkpoint_max_age = absl::GetFlag(FLAGS_checkpoint_max_age);
   options.keepalive_time = absl::GetFlag(FLAGS_keepalive_time);
   options.max_connection_age = absl::GetFlag(FLAGS_max_connection_age);
   if (absl::Status status = options.Validate(); !status.ok()) return status;

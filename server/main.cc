@@ -15,6 +15,7 @@
 #include "program/flags.h"
 #include "program/openmp_wait.h"
 #include "program/termination.h"
+#include "server/checkpoint/token_sealer.h"
 #include "server/engine/engine.h"
 #include "server/flags.h"
 #include "server/http_endpoint.h"
@@ -36,11 +37,19 @@ std::string Describe(const TrackerInfo& info) {
                       info.precision, " on ", info.device);
 }
 
+absl::StatusOr<std::unique_ptr<Engine>> CreateEngine(EngineOptions options, const CheckpointSealer& sealer,
+                                                     Clock& clock, EngineMetrics& metrics) {
+  options.sealer = &sealer;
+  return Engine::Create(options, clock, metrics);
+}
+
 // Serves until 'asked_to_stop'.
 absl::Status Run(const ServerOptions& options, const absl::Notification& asked_to_stop,
                  const std::shared_ptr<spdlog::logger>& log) {
   SystemClock clock;
   PrometheusMetrics metrics(log);
+  const auto sealer = TokenSealer::Create({options.checkpoint_keys, options.checkpoint_max_age}, clock, log);
+  if (!sealer.ok()) return sealer.status();
   std::unique_ptr<Engine> engine;  // outlives the server's streams
   auto server = Server::Start(options, clock, metrics, log);
   if (!server.ok()) return server.status();
@@ -51,7 +60,7 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
   log->info(absl::StrCat("gRPC on port ", (*server)->port(), " (", options.listen, "), HTTP on port ", (*http)->port(),
                          " (", options.metrics_listen, "); loading the model"));
 
-  auto created = Engine::Create(options.engine, clock, metrics);
+  auto created = CreateEngine(options.engine, **sealer, clock, metrics);
   if (!created.ok()) return created.status();
   engine = *std::move(created);
   metrics.ModelLoaded(engine->info());

@@ -23,6 +23,7 @@ absl::Status ServerOptions::Validate() const {
   const std::initializer_list<std::pair<absl::string_view, absl::Duration>> durations = {
       {"first_message_timeout", first_message_timeout},
       {"idle_timeout", idle_timeout},
+      {"checkpoint_max_age", checkpoint_max_age},
       {"keepalive_time", keepalive_time},
       {"max_connection_age", max_connection_age}};
   for (const auto& [name, duration] : durations) {

@@ -24,6 +24,11 @@ struct ServerOptions {
   // What running sessions have at shutdown to finish by themselves. Keep it below the time after which the platform
   // kills the process.
   absl::Duration grace_period = absl::Seconds(20);
+  // Checkpoints are sealed with the keys of this file, and other servers that have them take them up. Empty: with a
+  // random key, so that sessions are resumed by this process only.
+  std::string checkpoint_keys;
+  // Checkpoints that are older are refused; infinite: none are.
+  absl::Duration checkpoint_max_age = absl::Hours(24);
   // A client that has been silent for this time is pinged, and dropped when it does not answer. Shorter notices dead
   // peers sooner and costs traffic.
   absl::Duration keepalive_time = absl::Minutes(2);

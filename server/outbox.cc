@@ -140,6 +140,7 @@ PointRun Outbox::TakeFront() {
   PointRun run = std::move(runs_.front());
   bytes_ -= Bytes(run);
   runs_.pop_front();
+  if (marked_ > 0) --marked_;
   return run;
 }
 

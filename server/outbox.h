@@ -22,6 +22,10 @@ class Outbox {
   // The oldest results, about 'max_bytes' of them but at least one sample. The new watermark comes with the last of
   // them. REQUIRES: not empty.
   TrackUpdate Take(int64_t max_bytes);
+  // Remembers the results that wait now, and whether any of them still do; what comes later, or is merged into them,
+  // keeps them no longer.
+  void Mark() { marked_ = runs_.size(); }
+  bool marked_waits() const { return marked_ > 0; }
 
  private:
   void AddRun(PointRun run);
@@ -32,6 +36,7 @@ class Outbox {
 
   std::list<PointRun> runs_;                                            // in the order they have to be sent
   absl::flat_hash_map<PointId, std::list<PointRun>::iterator> newest_;  // of each point in runs_
+  size_t marked_ = 0;                                                   // so many of the first runs_
   int64_t bytes_ = 0;
   int64_t frames_received_ = 0;
   int64_t frames_processed_ = 0;

@@ -29,6 +29,7 @@ using Buckets = Histogram::BucketBoundaries;
 
 Buckets StageBuckets() { return {.0005, .001, .0025, .005, .01, .025, .05, .1, .25, .5, 1, 2.5, 5, 10, 30}; }
 Buckets LatencyBuckets() { return {.01, .025, .05, .1, .25, .5, 1, 2.5, 5, 10, 30, 60}; }
+Buckets TokenBuckets() { return {1e3, 4e3, 16e3, 64e3, 256e3, 1e6, 4e6, 16e6}; }
 Buckets CountBuckets() { return {0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024}; }
 
 const char* Name(Stage stage) {
@@ -86,6 +87,8 @@ const char* Name(RefusalReason reason) {
   }
   return "other";
 }
+
+const char* Name(ResumeResult result) { return result == ResumeResult::kResumed ? "resumed" : "refused"; }
 
 MetricFamily Single(const char* name, const char* help, MetricType type, double value) {
   prometheus::ClientMetric metric;
@@ -146,6 +149,11 @@ struct PrometheusMetrics::Impl {
                               .Add({}, Buckets{1, 2, 3, 4, 6, 8, 12, 16});
   Family<Counter>& rejected =
       AddCounters("holdfast_admission_rejected_total", "Streams and sessions refused at the door, by reason.");
+  Family<Counter>& resumes =
+      AddCounters("holdfast_resumes_total", "Streams that began with the token of a checkpoint, by result.");
+  Counter& checkpoints = AddCounters("holdfast_checkpoints_total", "Checkpoints sent to clients.").Add({});
+  Histogram& checkpoint_bytes =
+      AddHistograms("holdfast_checkpoint_bytes", "Length of a checkpoint's token.").Add({}, TokenBuckets());
   Gauge& cache_bytes = AddGauge("holdfast_cache_bytes", "Features held now, over all sessions.");
   Counter& precision_fallbacks =
       AddCounters("holdfast_precision_fallbacks_total",
@@ -163,6 +171,7 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
   Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory});
   Impl::Prepare(impl_->rejected, "reason",
                 {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams});
+  Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused});
   for (const Stage stage :
        {Stage::kDecode, Stage::kFlow, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {
     impl_->stages.Add({{"stage", Name(stage)}}, StageBuckets());
@@ -240,6 +249,15 @@ void PrometheusMetrics::PrecisionFellBack(ImageSize size, absl::string_view why)
 
 void PrometheusMetrics::StreamRefused(RefusalReason reason) {
   impl_->rejected.Add({{"reason", Name(reason)}}).Increment();
+}
+
+void PrometheusMetrics::SessionResumed(ResumeResult result) {
+  impl_->resumes.Add({{"result", Name(result)}}).Increment();
+}
+
+void PrometheusMetrics::CheckpointSent(int64_t token_bytes) {
+  impl_->checkpoints.Increment();
+  impl_->checkpoint_bytes.Observe(static_cast<double>(token_bytes));
 }
 
 }  // namespace holdfast

@@ -37,6 +37,8 @@ class PrometheusMetrics final : public EngineMetrics, public ServerEvents {
   void CacheBytes(int64_t bytes) override;
   void PrecisionFellBack(ImageSize size, absl::string_view why) override;
   void StreamRefused(RefusalReason reason) override;
+  void SessionResumed(ResumeResult result) override;
+  void CheckpointSent(int64_t token_bytes) override;
 
  private:
   struct Impl;

@@ -10,12 +10,13 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "api/limits.h"
 #include "proto/grpc_deadline.h"
 
 namespace holdfast {
 namespace {
 
-// Beside a frame a message holds points; a frame that is a little too large is still refused by name.
+// Beside a frame, or a token, a message holds points; a frame that is a little too large is still refused by name.
 constexpr int64_t kMessageSlackBytes = 1 << 20;
 constexpr int kWaitingStreams = 32;  // streams without a session yet, beside the sessions
 constexpr int kMinClientPingMs = 10'000;
@@ -36,8 +37,8 @@ TrackService::Options ServiceOptions(const ServerOptions& options) {
 }
 
 void SetChannelArguments(const ServerOptions& options, grpc::ServerBuilder& builder) {
-  builder.SetMaxReceiveMessageSize(static_cast<int>(
-      std::min<int64_t>(options.engine.limits.max_frame_bytes + kMessageSlackBytes, std::numeric_limits<int>::max())));
+  const int64_t largest = std::max(options.engine.limits.max_frame_bytes, kMaxTokenBytes) + kMessageSlackBytes;
+  builder.SetMaxReceiveMessageSize(static_cast<int>(std::min<int64_t>(largest, std::numeric_limits<int>::max())));
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a port in use is an error
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, Milliseconds(options.keepalive_time));
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);

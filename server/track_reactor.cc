@@ -17,6 +17,13 @@ namespace {
 constexpr size_t kMaxWarnings = 16;     // waiting to be sent; later ones are dropped
 constexpr size_t kMaxLoggedText = 300;  // bytes
 
+v1::GoingAway ToProto(absl::Duration time_left) {
+  v1::GoingAway message;
+  message.mutable_time_left()->set_seconds(absl::IDivDuration(time_left, absl::Seconds(1), &time_left));
+  message.mutable_time_left()->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(time_left)));
+  return message;
+}
+
 bool IsServersFault(const absl::Status& status) {
   return absl::IsInternal(status) || absl::IsUnknown(status) || absl::IsDataLoss(status);
 }
@@ -84,12 +91,14 @@ absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
   }
   absl::StatusOr<SessionConfig> config = FromProto(request.config());
   if (!config.ok()) return config.status();
-  absl::StatusOr<std::unique_ptr<EngineSession>> opened = deps_.engine.OpenSession(*config, *this);
+  absl::StatusOr<std::unique_ptr<EngineSession>> opened = OpenSession(*config);
   if (!opened.ok()) return opened.status();
 
+  const SessionAccepted& accepted = (*opened)->accepted();
   const std::shared_ptr<spdlog::logger> log =
-      deps_.log->clone(absl::StrCat((*opened)->accepted().session_id, "/", absl::Utf8SafeCHexEscape(config->label)));
-  log->info(absl::StrCat("session opened with ", config->points.size(), " points"));
+      deps_.log->clone(absl::StrCat(accepted.session_id, "/", absl::Utf8SafeCHexEscape(config->label)));
+  log->info(config->resume_token.empty() ? absl::StrCat("session opened with ", config->points.size(), " points")
+                                         : absl::StrCat("session resumed at frame ", accepted.first_frame));
   EngineSession* late = nullptr;
   {
     absl::MutexLock lock(&mutex_);
@@ -101,6 +110,14 @@ absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
   }
   if (late != nullptr) late->Cancel();
   return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<EngineSession>> TrackReactor::OpenSession(const SessionConfig& config) {
+  absl::StatusOr<std::unique_ptr<EngineSession>> opened = deps_.engine.OpenSession(config, *this);
+  if (!config.resume_token.empty()) {
+    deps_.events.SessionResumed(opened.ok() ? ResumeResult::kResumed : ResumeResult::kRefused);
+  }
+  return opened;
 }
 
 absl::Status TrackReactor::Apply(v1::TrackRequest request, EngineSession& session) {
@@ -198,6 +215,7 @@ void TrackReactor::OnCheckpoint(Checkpoint checkpoint) {
   absl::MutexLock lock(&mutex_);
   if (cancelled_) return;
   checkpoint_ = std::move(checkpoint);
+  outbox_.Mark();
   MaybeWriteLocked();
 }
 
@@ -244,12 +262,33 @@ void TrackReactor::End(const absl::Status& status) {
   {
     absl::MutexLock lock(&mutex_);
     if (input_closed_ || done_) return;  // it is ending already
-    input_closed_ = true;
+    input_closed_ = failing_ = true;
     session = session_.get();
     if (session == nullptr) done_ = status;
     MaybeWriteLocked();
   }
   if (session != nullptr) session->Fail(status);
+}
+
+void TrackReactor::GoingAway(absl::Duration time_left) {
+  absl::MutexLock lock(&mutex_);
+  if (told_going_away_ || session_ == nullptr || done_ || cancelled_) return;
+  told_going_away_ = true;
+  going_away_ = time_left;
+  MaybeWriteLocked();
+}
+
+void TrackReactor::Suspend(const absl::Status& status) {
+  EngineSession* session;
+  {
+    absl::MutexLock lock(&mutex_);
+    if (suspended_ || failing_ || done_) return;
+    input_closed_ = suspended_ = true;
+    session = session_.get();
+    if (session == nullptr) done_ = status;
+    MaybeWriteLocked();
+  }
+  if (session != nullptr) session->Suspend(status);
 }
 
 void TrackReactor::Abort() {
@@ -283,14 +322,16 @@ bool TrackReactor::NextResponseLocked() {
   if (accepted_) {
     *response.mutable_accepted() = ToProto(*accepted_);
     accepted_.reset();
+  } else if (going_away_) {
+    *response.mutable_going_away() = ToProto(*going_away_);
+    going_away_.reset();
   } else if (!warnings_.empty()) {
     *response.mutable_warning() = ToRpcStatus(warnings_.front());
     warnings_.erase(warnings_.begin());
+  } else if (checkpoint_ && !outbox_.marked_waits()) {  // before later results, which may never end
+    *response.mutable_checkpoint() = TakeCheckpointLocked();
   } else if (!outbox_.empty()) {
     *response.mutable_tracks() = ToProto(outbox_.Take(deps_.options.max_message_bytes));
-  } else if (checkpoint_) {  // after the results that it counts on
-    *response.mutable_checkpoint() = ToProto(*std::move(checkpoint_));
-    checkpoint_.reset();
   } else if (summary_) {
     *response.mutable_summary() = ToProto(*summary_);
     summary_.reset();
@@ -299,6 +340,17 @@ bool TrackReactor::NextResponseLocked() {
   }
   response_ = SerializeResponse(response);
   return true;
+}
+
+v1::Checkpoint TrackReactor::TakeCheckpointLocked() {
+  Checkpoint checkpoint = *std::exchange(checkpoint_, std::nullopt);
+  if (checkpoint.token.empty()) {
+    log_->warn("the session has outgrown what a checkpoint can hold");
+  } else {
+    deps_.events.CheckpointSent(static_cast<int64_t>(checkpoint.token.size()));
+    log_->debug(absl::StrCat("checkpoint of ", checkpoint.token.size(), " bytes"));
+  }
+  return ToProto(std::move(checkpoint));
 }
 
 void TrackReactor::MaybeFinishLocked() {

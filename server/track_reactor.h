@@ -11,11 +11,13 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include "api/clock.h"
 #include "holdfast/v1/point_tracking.pb.h"
 #include "server/engine/engine.h"
+#include "server/events.h"
 #include "server/outbox.h"
 
 namespace holdfast {
@@ -37,6 +39,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   struct Deps {
     Engine& engine;
     Clock& clock;
+    ServerEvents& events;
     std::shared_ptr<spdlog::logger> log;
     StreamOptions options;
     std::function<void(TrackReactor*)> retire;
@@ -48,6 +51,13 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   void CheckTime(SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
   // Takes nothing more from the client and ends with 'status' once the results of what was taken are sent.
   void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Tells the client, once, that its session will be suspended in this time; a stream that has no session yet is told
+  // by a later call.
+  void GoingAway(absl::Duration time_left) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Takes nothing more and ends with 'status' once the session's last checkpoint is sent, and the results that it
+  // counts on. A session whose client has said all finishes on another server; one that ends for a mistake goes on to
+  // its end.
+  void Suspend(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
   // Ends at once.
   void Abort() ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -68,11 +78,13 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   // Takes the message in request_.
   absl::Status TakeMessage(EngineSession* session) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status Open(const v1::TrackRequest& request) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config);
   absl::Status Apply(v1::TrackRequest request, EngineSession& session) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status PushFrame(v1::Frame&& message, EngineSession& session) ABSL_LOCKS_EXCLUDED(mutex_);
   void MaybeReadLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void MaybeWriteLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool NextResponseLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  v1::Checkpoint TakeCheckpointLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void AbortLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void MaybeFinishLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void LogEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -91,13 +103,18 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool full_ ABSL_GUARDED_BY(mutex_) = false;          // the engine has no room for a frame
   bool input_closed_ ABSL_GUARDED_BY(mutex_) = false;  // nothing more is taken from the client
-  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;     // nothing can be sent any more
+  bool failing_ ABSL_GUARDED_BY(mutex_) = false;       // ...and the stream ends with an error
+  bool suspended_ ABSL_GUARDED_BY(mutex_) = false;
+  bool told_going_away_ ABSL_GUARDED_BY(mutex_) = false;
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;  // nothing can be sent any more
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
   SteadyTime last_activity_ ABSL_GUARDED_BY(mutex_);
-  std::optional<SessionAccepted> accepted_ ABSL_GUARDED_BY(mutex_);  // not sent yet
+  std::optional<SessionAccepted> accepted_ ABSL_GUARDED_BY(mutex_);   // not sent yet
+  std::optional<absl::Duration> going_away_ ABSL_GUARDED_BY(mutex_);  // not sent yet
   std::vector<absl::Status> warnings_ ABSL_GUARDED_BY(mutex_);
   Outbox outbox_ ABSL_GUARDED_BY(mutex_);
-  std::optional<Checkpoint> checkpoint_ ABSL_GUARDED_BY(mutex_);   // not sent yet
+  // Not sent yet; a newer one takes its place. The results that it counts on are marked in outbox_.
+  std::optional<Checkpoint> checkpoint_ ABSL_GUARDED_BY(mutex_);
   std::optional<SessionSummary> summary_ ABSL_GUARDED_BY(mutex_);  // not sent yet
   std::optional<absl::Status> done_ ABSL_GUARDED_BY(mutex_);       // how the stream ends, once that is known
   // Set once and then kept to the end. Last, so that it is destroyed first: until then the engine uses the rest.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/track_service.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -13,7 +14,7 @@ namespace holdfast {
 namespace {
 
 constexpr absl::Duration kHousekeepingPeriod = absl::Milliseconds(50);
-constexpr absl::Duration kFlushTime = absl::Seconds(10);  // after the grace period: for results to be sent
+constexpr absl::Duration kFlushTime = absl::Seconds(10);  // after the grace period: for checkpoints to be sent
 constexpr absl::Duration kRetryAfter = absl::Seconds(2);
 
 // Ends a call that was not admitted.
@@ -70,9 +71,9 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track
   absl::MutexLock lock(&mutex_);
   const absl::Status admitted = AdmitLocked();
   if (!admitted.ok()) return new RefusedCall(admitted);
-  auto reactor = std::make_unique<TrackReactor>(
-      TrackReactor::Deps{*engine_, clock_, log_, options_.stream, [this](TrackReactor* done) { Retire(done); }},
-      context);
+  auto reactor = std::make_unique<TrackReactor>(TrackReactor::Deps{*engine_, clock_, events_, log_, options_.stream,
+                                                                   [this](TrackReactor* done) { Retire(done); }},
+                                                context);
   TrackReactor* const borrowed = reactor.get();
   live_.emplace(borrowed, std::move(reactor));
   ++alive_;
@@ -137,9 +138,14 @@ void TrackService::CheckStreams() {
   }
   for (TrackReactor* stream : streams) {
     stream->CheckTime(now);
-    if (draining_for >= options_.grace_period) stream->End(absl::UnavailableError("the server is shutting down"));
-    if (draining_for >= options_.grace_period + kFlushTime) stream->Abort();
+    if (draining_for >= absl::ZeroDuration()) DrainStream(*stream, draining_for);
   }
+}
+
+void TrackService::DrainStream(TrackReactor& stream, absl::Duration draining_for) const {
+  stream.GoingAway(std::max(options_.grace_period - draining_for, absl::ZeroDuration()));
+  if (draining_for >= options_.grace_period) stream.Suspend(absl::UnavailableError("the server is shutting down"));
+  if (draining_for >= options_.grace_period + kFlushTime) stream.Abort();
 }
 
 }  // namespace holdfast

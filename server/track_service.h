@@ -39,8 +39,8 @@ class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track
 
   // From now on streams are admitted. 'engine' must outlive the service's streams.
   void Serve(Engine& engine) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Refuses new streams and blocks until the last one is gone: running ones may finish within the grace period, then
-  // they are ended with UNAVAILABLE after their results were sent, and at last cut off.
+  // Refuses new streams and blocks until the last one is gone: running ones are told how long they have, may finish
+  // within the grace period, then are ended with UNAVAILABLE after a last checkpoint was sent, and at last cut off.
   void Drain() ABSL_LOCKS_EXCLUDED(mutex_);
 
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Track(grpc::CallbackServerContext* context) override
@@ -54,6 +54,7 @@ class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track
   void KeepHouse() ABSL_LOCKS_EXCLUDED(mutex_);
   void DestroyRetired() ABSL_LOCKS_EXCLUDED(mutex_);
   void CheckStreams() ABSL_LOCKS_EXCLUDED(mutex_);
+  void DrainStream(TrackReactor& stream, absl::Duration draining_for) const;
   bool IdleLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return alive_ == 0; }
 
   const Options options_;

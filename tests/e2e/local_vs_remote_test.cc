@@ -29,6 +29,8 @@ constexpr PointId kRemoved = 3;
 class NullServerEvents final : public ServerEvents {
  public:
   void StreamRefused(RefusalReason) override {}
+  void SessionResumed(ResumeResult) override {}
+  void CheckpointSent(int64_t) override {}
 };
 
 // Raw frames, so that both sides see equal pixels.

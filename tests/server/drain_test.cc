@@ -14,7 +14,10 @@
 namespace holdfast {
 namespace {
 
+using ::testing::AnyOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
 // Refused calls are how a client sees that the drain has begun.
@@ -49,7 +52,7 @@ TEST(DrainTest, RunningSessionsFinishAndNewOnesAreRefused) {
   EXPECT_EQ(server.server().state(), LifecycleState::kStopped);
 }
 
-TEST(DrainTest, SessionsThatOutlastTheGracePeriodGetTheirResultsAndUnavailable) {
+TEST(DrainTest, SessionsThatOutlastTheGracePeriodAreToldAndGetACheckpointAndUnavailable) {
   FakeEngine engine;
   TestServer server(&engine);
   const auto channel = server.NewChannel();
@@ -58,14 +61,66 @@ TEST(DrainTest, SessionsThatOutlastTheGracePeriodGetTheirResultsAndUnavailable) 
   running.SendFrames(3);
   engine.AwaitFramesTaken(3);
   std::thread drain([&] { server.server().Drain(); });
-  EXPECT_THAT(AwaitRefusal(channel), StatusIs(absl::StatusCode::kUnavailable));
+  while (running.times_left.empty()) ASSERT_TRUE(running.ReadOne());
+  EXPECT_THAT(running.times_left, ElementsAre(20));
+  EXPECT_THAT(running.checkpoints, IsEmpty());
   server.clock().Advance(absl::Seconds(21));
-  EXPECT_THAT(running.ReadToEnd(), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(running.ReadToEnd(), StatusIs(absl::StatusCode::kUnavailable, HasSubstr("shutting down")));
+  EXPECT_THAT(running.times_left, SizeIs(1));
   EXPECT_THAT(running.tracks[7], SizeIs(3));
-  for (const auto& [frame, sample] : running.tracks[7]) EXPECT_TRUE(sample.final) << frame;
+  ASSERT_THAT(running.checkpoints, SizeIs(1));
+  EXPECT_EQ(running.checkpoints[0].token(), "token-3");
+  EXPECT_EQ(running.checkpoints[0].next_frame(), 3);
+  EXPECT_EQ(running.kinds.back(), v1::TrackResponse::kCheckpoint);
   EXPECT_FALSE(silent.ReadToEnd().ok());
+  EXPECT_THAT(silent.kinds, IsEmpty());
   drain.join();
   EXPECT_EQ(engine.live_sessions(), 0);
+}
+
+// A stream begins, then a drain, then the stream's session. False: the drain came first, and the stream was refused.
+bool SessionThatBeginsDuringTheDrainIsTold() {
+  FakeEngine engine;
+  TestServer server(&engine);
+  const auto channel = server.NewChannel();
+  TrackCall late(channel);
+  TrackCall running(channel, JpegConfig());
+  std::thread drain([&] { server.server().Drain(); });
+  while (running.times_left.empty()) EXPECT_TRUE(running.ReadOne());
+  server.clock().Advance(absl::Seconds(8));
+  late.SendConfig(ToProto(JpegConfig()));
+  while (late.times_left.empty() && late.ReadOne()) {
+  }
+  const bool admitted = !late.kinds.empty();
+  if (admitted) {
+    EXPECT_THAT(late.kinds, ElementsAre(v1::TrackResponse::kAccepted, v1::TrackResponse::kGoingAway));
+    EXPECT_THAT(late.times_left, ElementsAre(AnyOf(12, 20)));  // as of the housekeeper's last look at the clock
+  }
+  EXPECT_EQ(late.FinishAndReadToEnd().ok(), admitted);
+  EXPECT_THAT(running.FinishAndReadToEnd(), IsOk());
+  drain.join();
+  return admitted;
+}
+
+TEST(DrainTest, SessionsThatBeginDuringTheDrainAreToldToo) {
+  while (!SessionThatBeginsDuringTheDrainIsTold()) {
+  }
+}
+
+TEST(DrainTest, WithoutAGracePeriodSessionsAreSuspendedAtOnce) {
+  FakeEngine engine;
+  ServerOptions options;
+  options.grace_period = absl::ZeroDuration();
+  TestServer server(&engine, options);
+  TrackCall running(server.NewChannel(), JpegConfig());
+  running.SendFrame(0);
+  engine.AwaitFramesTaken(1);
+  std::thread drain([&] { server.server().Drain(); });
+  EXPECT_THAT(running.ReadToEnd(), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(running.times_left, ElementsAre(0));
+  ASSERT_THAT(running.checkpoints, SizeIs(1));
+  EXPECT_EQ(running.checkpoints[0].next_frame(), 1);
+  drain.join();
 }
 
 TEST(DrainTest, AClientThatDoesNotReadCannotHoldItUp) {

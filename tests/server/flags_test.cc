@@ -57,6 +57,8 @@ TEST_F(FlagsTest, WhatIsNotGivenIsAsTheOptionsHaveIt) {
   EXPECT_EQ(options->engine.precision, defaults.engine.precision);
   EXPECT_EQ(options->engine.hop_frames, defaults.engine.hop_frames);
   EXPECT_EQ(options->grace_period, defaults.grace_period);
+  EXPECT_EQ(options->checkpoint_keys, defaults.checkpoint_keys);
+  EXPECT_EQ(options->checkpoint_max_age, absl::Hours(24));
   EXPECT_EQ(options->log_format, defaults.log_format);
 }
 
@@ -73,6 +75,8 @@ TEST_F(FlagsTest, EveryKindOfFlagComesFromTheEnvironmentToo) {
                                     {"HOLDFAST_POLISH", "false"},
                                     {"HOLDFAST_IDLE_TIMEOUT", "90s"},
                                     {"HOLDFAST_MAX_CONNECTION_AGE", "1h"},
+                                    {"HOLDFAST_CHECKPOINT_KEYS", "/run/secrets/keys"},
+                                    {"HOLDFAST_CHECKPOINT_MAX_AGE", "inf"},
                                     {"HOLDFAST_LOG_FORMAT", "json"}});
   ASSERT_THAT(options, IsOk());
   EXPECT_EQ(options->listen, "0.0.0.0:1");
@@ -87,6 +91,8 @@ TEST_F(FlagsTest, EveryKindOfFlagComesFromTheEnvironmentToo) {
   EXPECT_EQ(options->engine.precision, Precision::kBFloat16);
   EXPECT_EQ(options->idle_timeout, absl::Seconds(90));
   EXPECT_EQ(options->max_connection_age, absl::Hours(1));
+  EXPECT_EQ(options->checkpoint_keys, "/run/secrets/keys");
+  EXPECT_EQ(options->checkpoint_max_age, absl::InfiniteDuration());
   EXPECT_EQ(options->log_format, LogFormat::kJson);
 }
 
@@ -102,9 +108,9 @@ TEST_F(FlagsTest, ABadVariableIsNamedWithItsValue) {
 
 TEST_F(FlagsTest, ValuesThatCannotBeAreRefusedByName) {
   const std::vector<std::pair<std::string, std::string>> wrong = {
-      {"processing_size", "512"}, {"processing_size", "0x384"}, {"precision", "float64"}, {"log_format", "xml"},
-      {"log_level", "loud"},      {"idle_timeout", "0s"},       {"grace_period", "-1s"},  {"listen", ""},
-      {"keepalive_time", "-inf"}, {"metrics_listen", ""},
+      {"processing_size", "512"}, {"processing_size", "0x384"}, {"precision", "float64"},     {"log_format", "xml"},
+      {"log_level", "loud"},      {"idle_timeout", "0s"},       {"grace_period", "-1s"},      {"listen", ""},
+      {"keepalive_time", "-inf"}, {"metrics_listen", ""},       {"checkpoint_max_age", "0s"},
   };
   for (const auto& [flag, value] : wrong) {
     absl::FlagSaver saver;

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "api/limits.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
 #include "proto/convert.h"
 #include "tests/support/status_matchers.h"
@@ -106,6 +107,41 @@ TEST(MessageCodecTest, RefusesWhatWouldGrowWithoutParsingIt) {
     EXPECT_THAT(ParseRequest(bytes, kMaxPoints, request), StatusIs(kExhausted, HasSubstr("at most 2048"))) << i;
     EXPECT_LT(allocated_bytes - before, 100'000) << i;
     EXPECT_EQ(bytes.Length(), 0U) << i;
+  }
+}
+
+v1::TrackRequest ConfigRequest(int64_t token_bytes, int points) {
+  v1::TrackRequest request = FrameRequest(0, points);
+  const v1::Frame frame = request.frame();
+  request.mutable_config()->set_resume_token(std::string(token_bytes, 't'));
+  *request.mutable_config()->mutable_points() = frame.points();
+  return request;
+}
+
+TEST(MessageCodecTest, TheLongestTokenFitsBesideAsManyPointsAsASessionHas) {
+  grpc::ByteBuffer bytes = Bytes(ConfigRequest(kMaxTokenBytes, kMaxPoints).SerializeAsString());
+  v1::TrackRequest request;
+  ASSERT_THAT(ParseRequest(bytes, kMaxPoints, request), IsOk());
+  EXPECT_EQ(request.config().resume_token().size(), static_cast<size_t>(kMaxTokenBytes));
+  EXPECT_EQ(request.config().points_size(), kMaxPoints);
+}
+
+TEST(MessageCodecTest, OnlyATokenWhereATokenBelongsIsLetThrough) {
+  const std::string token = Field(13, std::string(1'000'000, 't'));
+  const std::vector<std::string> hostile = {
+      ConfigRequest(kMaxTokenBytes + 100'000, 1).SerializeAsString(),
+      Field(1, Repeated(token, 20)),                       // tokens that are longer together
+      Repeated(Field(1, token), 20),                       // in configs of one message
+      Field(1, token + Repeated(Field(7, ""), kMillion)),  // points beside it
+      Field(2, token),                                     // in a frame
+      Field(3, token),                                     // among points
+      token,                                               // in none of them
+      Field(1, Field(2, std::string(1'000'000, 't'))),     // another field of the config
+  };
+  for (size_t i = 0; i < hostile.size(); ++i) {
+    grpc::ByteBuffer bytes = Bytes(hostile[i]);
+    v1::TrackRequest request;
+    EXPECT_THAT(ParseRequest(bytes, kMaxPoints, request), StatusIs(kExhausted, HasSubstr("or a token"))) << i;
   }
 }
 

@@ -47,6 +47,22 @@ TEST(OutboxTest, FinalSamplesThatWereNotSentAreNeverLost) {
   EXPECT_EQ(update.runs[0].final_count, 100);
 }
 
+TEST(OutboxTest, TellsWhetherWhatWasMarkedStillWaits) {
+  Outbox outbox;
+  outbox.Mark();
+  EXPECT_FALSE(outbox.marked_waits());
+  outbox.Add(Update({MakeRun(1, 0, {1, 2, 3, 4}, 0), MakeRun(2, 0, {1}, 0)}));
+  outbox.Mark();
+  outbox.Add(Update({MakeRun(2, 0, {5}, 0), MakeRun(3, 0, {1}, 0)}));  // one is merged, one is later
+  EXPECT_TRUE(outbox.marked_waits());
+  EXPECT_THAT(outbox.Take(1).runs, SizeIs(1));  // the first sample of point 1, whose other ones still wait
+  while (outbox.marked_waits()) {
+    for (const PointRun& run : outbox.Take(61).runs) EXPECT_NE(run.id, 3U);
+  }
+  EXPECT_FALSE(outbox.empty());
+  EXPECT_EQ(outbox.Take(kNoLimit).runs[0].id, 3U);
+}
+
 TEST(OutboxTest, RunsThatDoNotFitTogetherKeepTheirOrder) {
   Outbox outbox;
   outbox.Add(Update({MakeRun(1, 0, {1}, 1)}));

@@ -24,17 +24,31 @@ TEST(PrometheusMetricsTest, EveryFamilyIsThereFromTheStart) {
   PrometheusMetrics metrics(Silent());
   metrics.ModelLoaded({});
   const std::string text = metrics.Text();
-  for (const char* family :
-       {"holdfast_sessions_active gauge", "holdfast_sessions_total counter", "holdfast_points_active gauge",
-        "holdfast_frames_total counter", "holdfast_stage_seconds histogram", "holdfast_frame_latency_seconds histogram",
-        "holdfast_final_latency_seconds histogram", "holdfast_session_lag_frames histogram",
-        "holdfast_batch_rows histogram", "holdfast_refine_iterations histogram",
-        "holdfast_admission_rejected_total counter", "holdfast_cache_bytes gauge", "holdfast_model_info gauge",
-        "holdfast_build_info gauge", "process_cpu_seconds_total counter", "process_resident_memory_bytes gauge",
-        "process_open_fds gauge", "process_start_time_seconds gauge"}) {
+  for (const char* family : {"holdfast_sessions_active gauge",
+                             "holdfast_sessions_total counter",
+                             "holdfast_points_active gauge",
+                             "holdfast_frames_total counter",
+                             "holdfast_stage_seconds histogram",
+                             "holdfast_frame_latency_seconds histogram",
+                             "holdfast_final_latency_seconds histogram",
+                             "holdfast_session_lag_frames histogram",
+                             "holdfast_batch_rows histogram",
+                             "holdfast_refine_iterations histogram",
+                             "holdfast_admission_rejected_total counter",
+                             "holdfast_cache_bytes gauge",
+                             "holdfast_resumes_total counter",
+                             "holdfast_checkpoints_total counter",
+                             "holdfast_checkpoint_bytes histogram",
+                             "holdfast_model_info gauge",
+                             "holdfast_build_info gauge",
+                             "process_cpu_seconds_total counter",
+                             "process_resident_memory_bytes gauge",
+                             "process_open_fds gauge",
+                             "process_start_time_seconds gauge"}) {
     EXPECT_THAT(text, HasSubstr(std::string("# TYPE ") + family + "\n"));
   }
   EXPECT_THAT(text, HasSubstr("holdfast_sessions_total{outcome=\"failed\"} 0"));
+  EXPECT_THAT(text, HasSubstr("holdfast_resumes_total{result=\"resumed\"} 0"));
   EXPECT_THAT(text, HasSubstr("holdfast_stage_seconds_count{stage=\"emit\"} 0"));
 }
 
@@ -45,6 +59,8 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
   metrics.SessionClosed(SessionOutcome::kFailed);
   metrics.AdmissionRejected(RejectReason::kMemory);
   metrics.StreamRefused(RefusalReason::kDraining);
+  metrics.SessionResumed(ResumeResult::kRefused);
+  metrics.CheckpointSent(5000);
   metrics.PointsActive(5);
   metrics.PointsActive(-2);
   metrics.FrameDone(FrameResult::kRejected);
@@ -64,6 +80,8 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
         "holdfast_stage_seconds_bucket{stage=\"refine\",le=\"0.1\"} 0\n", "holdfast_frame_latency_seconds_sum 1\n",
         "holdfast_final_latency_seconds_sum 2\n", "holdfast_session_lag_frames_sum 3\n", "holdfast_batch_rows_sum 64\n",
         "holdfast_refine_iterations_sum 4\n", "holdfast_cache_bytes 1000\n",
+        "holdfast_resumes_total{result=\"refused\"} 1\n", "holdfast_checkpoints_total 1\n",
+        "holdfast_checkpoint_bytes_sum 5000\n", "holdfast_checkpoint_bytes_bucket{le=\"4000\"} 0\n",
         "holdfast_precision_fallbacks_total 1\n"}) {
     EXPECT_THAT(text, HasSubstr(line));
   }

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <thread>
@@ -203,16 +204,20 @@ TEST_F(RejectionTest, AnIdleSessionIsEndedAfterItsResults) {
   EXPECT_TRUE(call.tracks[7][0].final);
 }
 
-TEST_F(RejectionTest, AFrameTooLargeForTheServerEndsTheStream) {
-  ServerOptions options;
-  options.engine.limits.max_frame_bytes = 1 << 20;
-  TestServer server(&engine_, options);
-  TrackCall call(server.NewChannel(), JpegConfig());
-  call.SendFrame(0, std::string(3 << 20, 'x'));
-  EXPECT_THAT(call.ReadToEnd(), StatusIs(absl::StatusCode::kResourceExhausted));
-  TrackCall next(server.NewChannel(), JpegConfig());
-  next.SendFrame(0, std::string(1 << 20, 'x'));
-  EXPECT_THAT(next.FinishAndReadToEnd(), IsOk());
+// A token may be as long as kMaxTokenBytes; a smaller limit of frames is the engine's to watch.
+TEST_F(RejectionTest, AMessageTooLargeForTheServerEndsTheStream) {
+  for (const int64_t frame_bytes : {kMaxTokenBytes / 4, kMaxTokenBytes * 5 / 4}) {
+    ServerOptions options;
+    options.engine.limits.max_frame_bytes = frame_bytes;
+    const int64_t largest = std::max(frame_bytes, kMaxTokenBytes);
+    TestServer server(&engine_, options);
+    TrackCall call(server.NewChannel(), JpegConfig());
+    call.SendFrame(0, std::string(largest + (2 << 20), 'x'));
+    EXPECT_THAT(call.ReadToEnd(), StatusIs(absl::StatusCode::kResourceExhausted));
+    TrackCall next(server.NewChannel(), JpegConfig());
+    next.SendFrame(0, std::string(largest, 'x'));
+    EXPECT_THAT(next.FinishAndReadToEnd(), IsOk());
+  }
 }
 
 }  // namespace

@@ -26,7 +26,7 @@ namespace holdfast {
 
 // A point moves one pixel to the right each frame. At frame i its sample of frame i - 1 becomes final and that of frame
 // i is provisional. A frame of the bytes "bad" ends its session as one that does not decode, "crash" as a bug does,
-// "warn" gives a warning beside its results. All sessions share one thread.
+// "warn" gives a warning beside its results, "checkpoint" a checkpoint behind them. All sessions share one thread.
 class FakeEngine final : public Engine {
  public:
   static constexpr PointId kPaddingPoint = 1'000'000;
@@ -142,7 +142,7 @@ class FakeEngine final : public Engine {
     void Suspend(absl::Status status) override {
       engine_.Post(this, [this, status = std::move(status)] {
         if (done_) return;
-        listener_.OnCheckpoint({absl::StrCat("token-", frames_), frames_, true});
+        SendCheckpoint();
         Done(status);
       });
     }
@@ -164,8 +164,11 @@ class FakeEngine final : public Engine {
       for (const PointQuery& point : added) points_[point.id] = {point, frame.index};
       frames_ = frame.index + 1;
       Emit(/*last=*/false);
+      if (frame.bytes == "checkpoint") SendCheckpoint();
       engine_.metrics_.FrameDone(FrameResult::kTracked);
     }
+
+    void SendCheckpoint() { listener_.OnCheckpoint({absl::StrCat("token-", frames_), frames_, true}); }
 
     void Emit(bool last) {
       TrackUpdate update;

@@ -66,9 +66,12 @@ class TrackCall {
     if (!stream_->Read(&response)) return false;
     bytes_read += static_cast<int64_t>(response.ByteSizeLong());
     ++messages_read;
+    kinds.push_back(response.response_case());
     if (response.has_tracks()) Apply(response.tracks());
     if (response.has_warning()) warnings.push_back(FromRpcStatus(response.warning()));
     if (response.has_summary()) summaries.push_back(FromProto(response.summary()));
+    if (response.has_checkpoint()) checkpoints.push_back(response.checkpoint());
+    if (response.has_going_away()) times_left.push_back(response.going_away().time_left().seconds());
     return true;
   }
   // Takes everything that is left; how the call ended.
@@ -91,6 +94,9 @@ class TrackCall {
   std::map<PointId, std::map<int64_t, Sample>> tracks;
   std::vector<absl::Status> warnings;
   std::vector<SessionSummary> summaries;
+  std::vector<v1::Checkpoint> checkpoints;
+  std::vector<int64_t> times_left;                     // seconds, of what said that the server goes away
+  std::vector<v1::TrackResponse::ResponseCase> kinds;  // of the messages, in their order
   int64_t frames_processed = 0;
   int64_t bytes_read = 0;
   int64_t messages_read = 0;
