@@ -235,7 +235,7 @@ TEST(ConvertTest, AcceptedSummaryAndInfoSurviveTheRoundTrip) {
   EXPECT_EQ(summary.points, 2);
   EXPECT_EQ(summary.final_samples, 3);
 
-  TrackerInfo info{"m", "p", "sha", "float32", "cpu", "0.1", {64, 32}, 24, 8, 4, true, false, 16, limits};
+  TrackerInfo info{"m", "p", "sha", "float32", "cpu", "0.1", {64, 32}, 24, 8, 4, true, false, true, 16, limits};
   const auto back = FromProto(ToProto(info));
   ASSERT_THAT(back, IsOk());
   EXPECT_EQ(back->model_name, "m");
@@ -243,6 +243,7 @@ TEST(ConvertTest, AcceptedSummaryAndInfoSurviveTheRoundTrip) {
   EXPECT_EQ(back->default_processing_size, (ImageSize{64, 32}));
   EXPECT_TRUE(back->default_motion_prior);
   EXPECT_FALSE(back->default_polish);
+  EXPECT_TRUE(back->calibrated_confidence);
   EXPECT_EQ(back->max_sessions, 16);
   EXPECT_EQ(back->limits.max_points, 10);
 }
