@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <utility>
 
+#include "absl/base/casts.h"
 #include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
 
@@ -60,6 +60,9 @@ bool AllFinite(const Repeated& values) {
   return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
 }
 
+// Unlike ==, tells -0 from 0.
+bool SameBits(float a, float b) { return absl::bit_cast<uint32_t>(a) == absl::bit_cast<uint32_t>(b); }
+
 // ToProto
 
 // How many estimates, from the first one on, say themselves where they are shown: only polished ones, which are old,
@@ -67,7 +70,7 @@ bool AllFinite(const Repeated& values) {
 size_t CountShown(const std::vector<EstimateState>& estimates) {
   size_t count = estimates.size();
   const auto at_position = [](const EstimateState& estimate) {
-    return std::memcmp(&estimate.shown, &estimate.position, sizeof(Position)) == 0;
+    return SameBits(estimate.shown.x, estimate.position.x) && SameBits(estimate.shown.y, estimate.position.y);
   };
   while (count > 0 && at_position(estimates[count - 1])) --count;
   return count;
