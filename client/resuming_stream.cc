@@ -213,7 +213,7 @@ absl::Status ResumingStream::Follow(const OpenCall& open) {
 absl::Status ResumingStream::ReadAnswers(RemoteCall& call) {
   absl::Status delivered;
   v1::TrackResponse response;
-  while (delivered.ok() && call.Read(&response)) delivered = answers_.Deliver(std::move(response));
+  while (delivered.ok() && call.Read(&response)) delivered = answers_.Deliver(response);
   if (!delivered.ok()) call.Cancel();
   return delivered;
 }

@@ -20,12 +20,12 @@ void SessionAnswers::Begin(const SessionAccepted& accepted) {
   }
 }
 
-absl::Status SessionAnswers::Deliver(v1::TrackResponse response) {
+absl::Status SessionAnswers::Deliver(const v1::TrackResponse& response) {
   switch (response.response_case()) {
     case v1::TrackResponse::kTracks:
       return DeliverTracks(response.tracks());
     case v1::TrackResponse::kCheckpoint:
-      return DeliverCheckpoint(std::move(*response.mutable_checkpoint()));
+      return DeliverCheckpoint(response.checkpoint());
     case v1::TrackResponse::kWarning:
       observer_.OnWarning(FromRpcStatus(response.warning()));
       return absl::OkStatus();

@@ -22,7 +22,7 @@ class SessionAnswers {
   // A call begins.
   void Begin(const SessionAccepted& accepted);
   // An error when the server sent what makes no sense.
-  absl::Status Deliver(v1::TrackResponse response);
+  absl::Status Deliver(const v1::TrackResponse& response);
 
   // The newest one that the session can go on from.
   const std::optional<Checkpoint>& checkpoint() const { return checkpoint_; }

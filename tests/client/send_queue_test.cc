@@ -51,7 +51,7 @@ TEST(SendQueueTest, ThePusherWaitsWhileTwoMessagesAreUnsent) {
 }
 
 TEST(SendQueueTest, AFullQueueHasRoomAgainAfterACheckpoint) {
-  SendQueue queue(12 * 1000, true);  // eleven frames, more than the eight that checkpoints leave
+  SendQueue queue(12'000, true);  // eleven frames, more than the eight that checkpoints leave
   ASSERT_TRUE(queue.Restart(WithCheckpoints()));
   std::atomic<int64_t> pushed{0};
   std::thread pusher([&] {
