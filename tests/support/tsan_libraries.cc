@@ -40,11 +40,12 @@ class IgnoreConditions {
 
 // absl::Status counts its references in the library; GDAL, which OpenCV's codecs load, orders its own locks; gRPC hands
 // calls and messages from thread to thread by atomics of its own, partly from within its headers; the barriers of
-// OpenMP order what its threads do.
+// OpenMP order what its threads do, and those of OpenCV's pool what runs beneath it.
 extern "C" const char* __tsan_default_suppressions() {
   return "race:absl::*Status::Unref\n"
          "deadlock:libgdal\n"
          "race:at::internal::invoke_parallel\n"
+         "race:libopencv_core\n"
          "race:grpc::internal::ServerCallbackCall::Ref\n"
          "race:grpc::internal::ServerCallbackCall::Un\n"
          "race_top:^grpc::\n"
