@@ -26,7 +26,8 @@ constexpr int kNameLookupMs = 2000;  // at most so often: a server that is repla
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const RemoteTracker::Options& options) {
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(options.max_receive_bytes);
-  arguments.SetMaxSendMessageSize(-1);  // the server's limit counts
+  arguments.SetMaxSendMessageSize(-1);                      // the server's limit counts
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // each tracker has connections of its own
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, static_cast<int>(absl::ToInt64Milliseconds(options.keepalive_time)));
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS,
                    static_cast<int>(absl::ToInt64Milliseconds(options.keepalive_timeout)));

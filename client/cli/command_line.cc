@@ -6,9 +6,11 @@
 
 #include "absl/flags/flag.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "client/cli/info_command.h"
+#include "client/cli/load_command.h"
 #include "client/cli/track_command.h"
 #include "client/remote_tracker.h"
 
@@ -24,7 +26,8 @@ ABSL_FLAG(int64_t, buffer_mib, holdfast::RemoteTracker::Options().buffer_bytes >
 ABSL_FLAG(absl::Duration, reconnect_timeout, holdfast::RemoteTracker::Options().reconnect_timeout,
           "Gives up when no server takes over within this time.");
 ABSL_FLAG(std::string, points, "",
-          "Tracks the points of this file: .csv with lines id,x,y[,frame], or .json with [{id, x, y, frame}].");
+          "Tracks the points of this file: .csv with lines id,x,y[,frame], or .json with [{id, x, y, frame}]. "
+          "load: a number, of points of each session; 64 by default.");
 ABSL_FLAG(int, grid, 0, "Tracks about this many points spread over the frame, or this many on --mask.");
 ABSL_FLAG(std::string, mask, "", "Spreads points over the nonzero pixels of this picture, which has the frame's size.");
 ABSL_FLAG(int64_t, query_frame, 0, "Starts the points of --grid and --mask at this frame.");
@@ -47,6 +50,12 @@ ABSL_FLAG(int, iterations, 0, "Asks for this many refinement iterations of a win
 ABSL_FLAG(bool, live, false,
           "Has every frame answered at once with what optical flow says, and shows that in --overlay and --still.");
 ABSL_FLAG(bool, json, false, "Prints the server's answer as JSON.");
+ABSL_FLAG(int, sessions, holdfast::LoadOptions().sessions, "Opens so many sessions at once.");
+ABSL_FLAG(std::string, fps, "max", "Sends so many frames a second in each session. max: as many as the server takes.");
+ABSL_FLAG(double, seconds, absl::ToDoubleSeconds(holdfast::LoadOptions().duration), "Sends for so long.");
+ABSL_FLAG(double, slow, 0, "Lets so many per cent of the sessions take their time over results.");
+ABSL_FLAG(double, cancel, 0, "Lets so many per cent of the sessions go away and come back.");
+ABSL_FLAG(double, bad, 0, "Lets so many per cent of the sessions send what is no frame, and come back.");
 
 namespace holdfast {
 namespace {
@@ -60,6 +69,7 @@ constexpr char kUsageText[] = R"(Tracks points through video with a Holdfast ser
 
 Usage: holdfast track INPUT [flags]   follow points and write their tracks
        holdfast info [flags]          say what the server runs
+       holdfast load INPUT [flags]    put many sessions on the server and say how it bears them
        holdfast --help | --version
 
 INPUT is a video file, a directory of .jpg or .png frames, camera:0 or /dev/video0.
@@ -74,14 +84,16 @@ Example: holdfast track walk.mp4 --grid=100 --out=tracks.json --overlay=overlay.
 
 std::string Help() {
   return absl::StrCat(
-      kUsageText, "\nServer (track and info):\n", DescribeFlags({"server", "connect_timeout"}),
+      kUsageText, "\nServer (all commands):\n", DescribeFlags({"server", "connect_timeout"}),
       "\nWhen the server is lost (track):\n", DescribeFlags({"resume", "buffer_mib", "reconnect_timeout"}),
       "\nPoints (track; at least one of points, grid and mask):\n",
       DescribeFlags({"points", "grid", "mask", "query_frame"}),
       "\nResults (track; at least one of out, overlay and still):\n",
       DescribeFlags({"out", "overlay", "still", "still_frame", "trail_frames"}), "\nTracking (track):\n",
       DescribeFlags({"max_frames", "max_side", "jpeg_quality", "processing_size", "hop", "iterations", "live"}),
-      "\nInfo:\n", DescribeFlags({"json"}));
+      "\nInfo:\n", DescribeFlags({"json"}),
+      "\nLoad (with points, out, max_side, jpeg_quality, processing_size, hop and live of above):\n",
+      DescribeFlags({"sessions", "fps", "seconds", "slow", "cancel", "bad"}));
 }
 
 absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
@@ -98,6 +110,45 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
   options.processing_size = absl::GetFlag(FLAGS_processing_size);
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
+  options.live = absl::GetFlag(FLAGS_live);
+  if (absl::Status status = options.Validate(); !status.ok()) return status;
+  return options;
+}
+
+// Of --points where that is a number.
+absl::StatusOr<int> PointsOfEach() {
+  const std::string text = absl::GetFlag(FLAGS_points);
+  int points = LoadOptions().points;
+  if (text.empty() || absl::SimpleAtoi(text, &points)) return points;
+  return absl::InvalidArgumentError(absl::StrCat("--points: load takes a number, got ", text));
+}
+
+absl::StatusOr<double> FramesPerSecond() {
+  const std::string text = absl::GetFlag(FLAGS_fps);
+  double fps = 0;
+  if (text == "max" || absl::SimpleAtod(text, &fps)) return fps;
+  return absl::InvalidArgumentError(absl::StrCat("--fps: expected a number or max, got ", text));
+}
+
+absl::StatusOr<LoadOptions> LoadOptionsFromFlags(const std::string& input) {
+  const absl::StatusOr<int> points = PointsOfEach();
+  if (!points.ok()) return points.status();
+  const absl::StatusOr<double> fps = FramesPerSecond();
+  if (!fps.ok()) return fps.status();
+  LoadOptions options;
+  options.input = input;
+  options.sessions = absl::GetFlag(FLAGS_sessions);
+  options.points = *points;
+  options.fps = *fps;
+  options.duration = absl::Seconds(absl::GetFlag(FLAGS_seconds));
+  options.slow = absl::GetFlag(FLAGS_slow);
+  options.cancel = absl::GetFlag(FLAGS_cancel);
+  options.bad = absl::GetFlag(FLAGS_bad);
+  options.out = absl::GetFlag(FLAGS_out);
+  options.max_side = absl::GetFlag(FLAGS_max_side);
+  options.jpeg_quality = absl::GetFlag(FLAGS_jpeg_quality);
+  options.processing_size = absl::GetFlag(FLAGS_processing_size);
+  options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.live = absl::GetFlag(FLAGS_live);
   if (absl::Status status = options.Validate(); !status.ok()) return status;
   return options;
@@ -159,6 +210,20 @@ int Info(const std::vector<std::string>& args, const Console& console) {
   return kOk;
 }
 
+int Load(const std::vector<std::string>& args, const Console& console, StopSignal& stop) {
+  if (args.size() != 1) {
+    return Fail(console, absl::InvalidArgumentError("load: give one INPUT, a video or a directory"), kUsage);
+  }
+  const auto options = LoadOptionsFromFlags(args[0]);
+  if (!options.ok()) return Fail(console, options.status(), kUsage);
+  if (const absl::Status flags = CheckServerFlags(); !flags.ok()) return Fail(console, flags, kUsage);
+  const auto connect = [server = ServerFromFlags()]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
+    return RemoteTracker::Connect(server);
+  };
+  const absl::Status status = RunLoad(*options, {connect, stop, console.out});
+  return status.ok() ? kOk : Fail(console, status, kFailed);
+}
+
 }  // namespace
 
 int RunCommandLine(const std::vector<std::string>& args, const Console& console, StopSignal& stop) {
@@ -170,13 +235,14 @@ int RunCommandLine(const std::vector<std::string>& args, const Console& console,
   if (!environment.ok()) return Fail(console, environment, kUsage);
   auto rest = ParseFlags(args);
   if (!rest.ok()) return Fail(console, rest.status(), kUsage);
-  if (rest->empty()) return Fail(console, absl::InvalidArgumentError("give a command: track or info"), kUsage);
+  if (rest->empty()) return Fail(console, absl::InvalidArgumentError("give a command: track, info or load"), kUsage);
   const std::string command = rest->front();
   rest->erase(rest->begin());
   if (command == "track") return Track(*rest, console, stop);
   if (command == "info") return Info(*rest, console);
+  if (command == "load") return Load(*rest, console, stop);
   return Fail(console,
-              absl::InvalidArgumentError(absl::StrCat("unknown command ", command, ", expected track or info")),
+              absl::InvalidArgumentError(absl::StrCat("unknown command ", command, ", expected track, info or load")),
               kUsage);
 }
 

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
@@ -55,12 +56,13 @@ class Reader {
   bool cut_off_ = false;
 };
 
-Hmac HmacOf(absl::string_view bytes, const SealingKey& key) {
+// Empty where the library has no SHA-256 at all: nothing is sealed or opened there.
+std::optional<Hmac> HmacOf(absl::string_view bytes, const SealingKey& key) {
   Hmac hmac{};
-  // Fails only where the library has no SHA-256 at all; every token is then refused.
-  static_cast<void>(HMAC(EVP_sha256(), key.secret.data(), static_cast<int>(key.secret.size()),
-                         reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), hmac.data(), nullptr));
-  return hmac;
+  const unsigned char* const made =
+      HMAC(EVP_sha256(), key.secret.data(), static_cast<int>(key.secret.size()),
+           reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), hmac.data(), nullptr);
+  return made == nullptr ? std::nullopt : std::optional(hmac);
 }
 
 // What a token says, once it is whole and made by a server with one of the keys.
@@ -92,8 +94,9 @@ absl::StatusOr<Parts> Verify(absl::string_view token, const KeyRing& keys) {
                             absl::CHexEscape(id.substr(0, KeyRing::kMaxIdBytes)), "'"));
   }
   const size_t signed_bytes = static_cast<size_t>(hmac.data() - token.data());
-  const Hmac right = HmacOf(token.substr(0, signed_bytes), *key);
-  if (CRYPTO_memcmp(hmac.data(), right.data(), right.size()) != 0 || signed_bytes + hmac.size() != token.size()) {
+  const std::optional<Hmac> right = HmacOf(token.substr(0, signed_bytes), *key);
+  if (!right || CRYPTO_memcmp(hmac.data(), right->data(), right->size()) != 0 ||
+      signed_bytes + hmac.size() != token.size()) {
     return Bad("was tampered with, or made with another secret of the same name");
   }
   return parts;
@@ -123,8 +126,9 @@ absl::StatusOr<std::string> SealToken(absl::string_view content, const SealingKe
   AppendNumber(content.size(), kSizeBytes, token);
   AppendNumber(compressed.size(), kSizeBytes, token);
   token += compressed;
-  const Hmac hmac = HmacOf(token, key);
-  token.append(hmac.begin(), hmac.end());
+  const std::optional<Hmac> hmac = HmacOf(token, key);
+  if (!hmac) return absl::UnimplementedError("the system's OpenSSL has no HMAC-SHA256 to sign a checkpoint with");
+  token.append(hmac->begin(), hmac->end());
   if (static_cast<int64_t>(token.size()) <= kMaxTokenBytes) return token;
   return absl::ResourceExhaustedError(
       absl::StrCat("the checkpoint's token would have ", token.size(), " bytes; at most ", kMaxTokenBytes));

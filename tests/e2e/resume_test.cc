@@ -243,7 +243,9 @@ TEST_F(ResumeTest, InTheLastWindowAfterHalfClose) {
 
 TEST_F(ResumeTest, AServerOfOtherKeysRefusesTheToken) {
   auto first = Start();
-  std::ofstream(keys_) << "k2:" << std::string(64, 'b') << "\n";
+  const std::string others = dir_.File("others");
+  std::ofstream(others) << "k2:" << std::string(64, 'b') << "\n";
+  flags_.push_back(absl::StrCat("--checkpoint_keys=", others));
   const auto second = Start();
   const auto tracker = Connect({first->address(), second->address()});
   RecordingObserver observer;

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/load_session.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <utility>
+
+#include "api/errors.h"
+#include "tests/support/fake_tracker.h"
+#include "tests/support/simulated_clock.h"
+#include "tests/support/status_matchers.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+FakeEstimate Still(const PointQuery& query, int64_t, int64_t) { return {query.x, query.y}; }
+
+// Refuses every session.
+class FullTracker final : public PointTracker {
+ public:
+  absl::StatusOr<std::unique_ptr<TrackStream>> Open(const SessionConfig&, TrackObserver& observer) override {
+    const absl::Status full = OverloadError("sessions", "all are open", absl::Seconds(2));
+    observer.OnDone(full, {});
+    return full;
+  }
+  absl::StatusOr<TrackerInfo> Info() override { return TrackerInfo{}; }
+};
+
+class LoadSessionTest : public ::testing::Test {
+ protected:
+  LoadSessionTest() {
+    options_.config.points = {{1, 5, 5}, {2, 9, 9}};
+    options_.frames = std::make_shared<const std::vector<std::string>>(std::vector<std::string>{"a", "b", "c"});
+    options_.fps = 10;
+    options_.duration = absl::Seconds(2);
+  }
+
+  // Time passes where the session waits for it.
+  template <typename MakeTracker>
+  LoadResult Run(MakeTracker make) {
+    const auto wait = [this](SteadyTime until) {
+      const SteadyTime now = clock_.SteadyNow();
+      if (until > now) clock_.Advance(Between(now, until));
+      return !stopped_;
+    };
+    return LoadSession(options_, make, clock_, wait).Run();
+  }
+  LoadResult RunOnFake(FakeTracker::Behaviour behaviour = {Still}) {
+    return Run([this, behaviour]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
+      auto tracker = std::make_unique<FakeTracker>(behaviour);
+      tracker_ = tracker.get();
+      return std::unique_ptr<PointTracker>(std::move(tracker));
+    });
+  }
+
+  LoadSession::Options options_;
+  SimulatedClock clock_;
+  FakeTracker* tracker_ = nullptr;
+  bool stopped_ = false;
+};
+
+TEST_F(LoadSessionTest, AHealthyClientSendsAtItsPaceUntilTheTimeIsOver) {
+  const LoadResult result = RunOnFake();
+  EXPECT_THAT(result.errors, IsEmpty());
+  EXPECT_EQ(result.sessions, 1);
+  EXPECT_EQ(result.frames, 20);
+  EXPECT_EQ(result.first.count(), 20u);
+  EXPECT_EQ(result.final.count(), 20u);
+  EXPECT_EQ(result.final_samples, 40);
+  EXPECT_EQ(result.active, absl::Seconds(2));
+  EXPECT_DOUBLE_EQ(result.FramesPerSecond(), 10);
+  EXPECT_EQ(result.first.Percentile(100), absl::ZeroDuration()) << "answered at once";
+  EXPECT_EQ(result.final.Percentile(100), absl::Seconds(2)) << "the first frame, at the end";
+}
+
+TEST_F(LoadSessionTest, TheFilmBeginsAgain) {
+  std::vector<std::string> sent;
+  options_.duration = absl::Milliseconds(450);
+  Run([&]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
+    FakeTracker::Behaviour behaviour{[&](const PointQuery& query, int64_t, int64_t frame) {
+      if (query.id == 1 && static_cast<int64_t>(sent.size()) == frame) sent.push_back(tracker_->frames().back().bytes);
+      return FakeEstimate{query.x, query.y};
+    }};
+    auto tracker = std::make_unique<FakeTracker>(behaviour);
+    tracker_ = tracker.get();
+    return std::unique_ptr<PointTracker>(std::move(tracker));
+  });
+  EXPECT_THAT(sent, ElementsAre("a", "b", "c", "a", "b"));
+}
+
+TEST_F(LoadSessionTest, ALostSessionIsAnErrorAndIsTriedAgain) {
+  const LoadResult result = RunOnFake({Still, {512, 384}, /*fail_at_frame=*/5});
+  EXPECT_THAT(result.errors, SizeIs(4));
+  EXPECT_THAT(result.errors, ::testing::Each(StatusIs(absl::StatusCode::kUnavailable)));
+  EXPECT_EQ(result.sessions, 4);
+  EXPECT_EQ(result.frames, 20);
+}
+
+TEST_F(LoadSessionTest, ARefusedClientComesBackWhenItWasTold) {
+  options_.duration = absl::Seconds(5);
+  const LoadResult result =
+      Run([]() -> absl::StatusOr<std::unique_ptr<PointTracker>> { return std::make_unique<FullTracker>(); });
+  EXPECT_EQ(result.refused, 3);
+  EXPECT_EQ(result.refusal.count(), 3u);
+  EXPECT_EQ(result.sessions, 0);
+  EXPECT_THAT(result.errors, IsEmpty());
+}
+
+TEST_F(LoadSessionTest, ClientsThatGoAwayComeBack) {
+  options_.kind = LoadKind::kCancel;
+  options_.fps = 1000;
+  const LoadResult result = RunOnFake();
+  EXPECT_GT(result.sessions, 10);
+  EXPECT_THAT(result.errors, IsEmpty());
+}
+
+TEST_F(LoadSessionTest, AClientThatReadsSlowlyIsLate) {
+  options_.kind = LoadKind::kSlow;
+  const LoadResult result = RunOnFake();
+  EXPECT_THAT(result.errors, IsEmpty());
+  EXPECT_EQ(result.frames, 2) << "a second for each answer, on the fake tracker's only thread";
+}
+
+TEST_F(LoadSessionTest, ServersThatCannotBeReachedAreErrors) {
+  const LoadResult result =
+      Run([]() -> absl::StatusOr<std::unique_ptr<PointTracker>> { return absl::UnavailableError("nobody is there"); });
+  EXPECT_THAT(result.errors, ElementsAre(StatusIs(absl::StatusCode::kUnavailable)));
+}
+
+TEST_F(LoadSessionTest, AStoppedRunEndsWithWhatItHas) {
+  stopped_ = true;
+  const LoadResult result = RunOnFake();
+  EXPECT_EQ(result.sessions, 1);
+  EXPECT_EQ(result.frames, 0);
+  EXPECT_THAT(result.errors, IsEmpty());
+}
+
+}  // namespace
+}  // namespace holdfast
