@@ -136,6 +136,7 @@ absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenFirst() {
 }
 
 absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenNext(absl::Status lost) {
+  absl::Status refused;  // by a server that cannot take this session: says more than that the others are not there
   for (SteadyTime now = clock_.SteadyNow(); const auto attempt = plan_.Next(now); now = clock_.SteadyNow()) {
     wake_.WaitFor(Between(now, attempt->at));
     if (stopped()) return lost;
@@ -144,9 +145,10 @@ absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenNext(absl::Status l
     if (open.ok()) return open;
     lost = open.status();
     if (!plan_.Failed(lost, clock_.SteadyNow())) return lost;
+    if (absl::IsFailedPrecondition(lost)) refused = lost;
   }
-  return WithSuffix(lost, absl::StrCat("; no server took the session over within ",
-                                       absl::FormatDuration(options_.reconnect_timeout)));
+  return WithSuffix(refused.ok() ? lost : refused, absl::StrCat("; no server took the session over within ",
+                                                                absl::FormatDuration(options_.reconnect_timeout)));
 }
 
 absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenOn(size_t server, absl::Duration timeout) {

@@ -2,15 +2,16 @@
 #include "client/cli/load_command.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
-#include <condition_variable>
-#include <mutex>
+#include <deque>
 #include <thread>
 #include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "api/clock.h"
+#include "api/steady_event.h"
 #include "client/cli/load_report.h"
 #include "client/cli/point_source.h"
 #include "client/cli/video.h"
@@ -23,23 +24,23 @@ constexpr int kMaxSessions = 1000;
 constexpr size_t kMostFrames = 240;  // kept in memory
 constexpr size_t kMostBytes = size_t{256} << 20;
 
-// Lets all clients wait, and frees them when the run is stopped.
-class Stopwatch {
+// Lets one client wait, and frees it when the run is stopped.
+class Waiter {
  public:
+  explicit Waiter(const Clock& clock) : clock_(clock) {}
   bool WaitUntil(SteadyTime until) {
-    std::unique_lock<std::mutex> lock(mutex_);
-    return !changed_.wait_until(lock, until, [this] { return stopped_; });
+    if (!stopped_) event_.WaitFor(Between(clock_.SteadyNow(), until));
+    return !stopped_;
   }
   void Stop() {
-    const std::lock_guard<std::mutex> lock(mutex_);
     stopped_ = true;
-    changed_.notify_all();
+    event_.Notify();
   }
 
  private:
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool stopped_ = false;
+  const Clock& clock_;
+  std::atomic<bool> stopped_{false};
+  SteadyEvent event_;
 };
 
 struct Film {
@@ -75,6 +76,30 @@ SessionConfig ConfigOf(const LoadOptions& options, ImageSize size) {
   PointId id = 0;
   for (const cv::Point2f& point : GridPoints(options.points, size)) config.points.push_back({id++, point.x, point.y});
   return config;
+}
+
+// A thread for each.
+std::vector<LoadResult> RunClients(const LoadOptions& options, const Film& film, const LoadEnvironment& environment,
+                                   const Clock& clock) {
+  const std::vector<LoadKind> kinds = KindsOf(options);
+  std::vector<LoadResult> results(kinds.size());
+  std::deque<Waiter> waiters;
+  for (size_t i = 0; i < kinds.size(); ++i) waiters.emplace_back(clock);
+  environment.stop.SetCallback([&waiters] {
+    for (Waiter& waiter : waiters) waiter.Stop();
+  });
+  std::vector<std::thread> threads;
+  for (size_t i = 0; i < kinds.size(); ++i) {
+    threads.emplace_back([&, i] {
+      const LoadSession::Options client{
+          kinds[i], ConfigOf(options, film.size), film.frames, options.fps, options.duration, i};
+      const auto wait = [&waiter = waiters[i]](SteadyTime until) { return waiter.WaitUntil(until); };
+      results[i] = LoadSession(client, environment.connect, clock, wait).Run();
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  environment.stop.SetCallback(nullptr);
+  return results;
 }
 
 absl::Status CheckShare(absl::string_view flag, double percent) {
@@ -126,23 +151,8 @@ absl::Status RunLoad(const LoadOptions& options, const LoadEnvironment& environm
   const absl::StatusOr<Film> film = ReadFilm(options);
   if (!film.ok()) return film.status();
   const SystemClock clock;
-  Stopwatch stopwatch;
-  environment.stop.SetCallback([&stopwatch] { stopwatch.Stop(); });
-  const std::vector<LoadKind> kinds = KindsOf(options);
-  std::vector<LoadResult> results(kinds.size());
-  std::vector<std::thread> threads;
   const SteadyTime begin = clock.SteadyNow();
-  for (size_t i = 0; i < kinds.size(); ++i) {
-    const LoadSession::Options session{
-        kinds[i], ConfigOf(options, film->size), film->frames, options.fps, options.duration, i};
-    threads.emplace_back([&, session, i] {
-      results[i] = LoadSession(session, environment.connect, clock, [&stopwatch](SteadyTime until) {
-                     return stopwatch.WaitUntil(until);
-                   }).Run();
-    });
-  }
-  for (std::thread& thread : threads) thread.join();
-  environment.stop.SetCallback(nullptr);
+  const std::vector<LoadResult> results = RunClients(options, *film, environment, clock);
   const absl::Duration took = clock.Since(begin);
   environment.out << DescribeLoad(results, took);
   if (!options.out.empty()) {

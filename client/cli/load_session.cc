@@ -61,6 +61,7 @@ class LoadObserver final : public TrackObserver {
     int64_t estimated = 0;
     for (const PointRun& run : update.runs) {
       estimated = std::max(estimated, run.first_frame + static_cast<int64_t>(run.x.size()));
+      if (run.final_count == 0) continue;
       final_samples_ += run.final_count;
       int64_t& before = final_before_[run.id];
       before = std::max(before, run.first_frame + run.final_count);
@@ -168,7 +169,7 @@ absl::Status LoadSession::Send(TrackStream& stream, LoadObserver& observer) {
   for (; index < count && !TimeIsOver() && status.ok(); ++index) {
     if (options_.fps > 0) {
       const absl::Duration due = absl::Seconds(static_cast<double>(index) / options_.fps);
-      if (!wait_(std::min(end_, begin + absl::ToChronoNanoseconds(due)))) break;
+      if (!wait_(std::min(end_, begin + absl::ToChronoNanoseconds(due))) || TimeIsOver()) break;
     }
     observer.Sent();
     status = stream.PushFrame({index, frames[static_cast<size_t>(index) % frames.size()], {}, {}});

@@ -224,7 +224,11 @@ void Session::Admit(const DecodedFrame& frame, FrameFeaturesPtr features, Tracke
 void Session::ApplyOps(TrackerModel& model) {
   const std::vector<PointOp> ops = TakeOps(tracks_.cache().newest());
   const int64_t before = tracks_.tracks();
-  for (const PointOp& op : ops) summary_.points += op.seeds;
+  for (const PointOp& op : ops) {
+    summary_.points += op.seeds;
+    if (op.frame != newest_seeds_.frame) newest_seeds_ = {op.frame, 0};
+    newest_seeds_.count += op.seeds;
+  }
   for (size_t i = 0; i < ops.size();) {
     if (ops[i].kind == PointOp::Kind::kRemove) {
       tracks_.Remove(ops[i].query.id, ops[i].frame);
@@ -383,11 +387,12 @@ SessionState Session::State() const {
   state.next_frame = flow_ == nullptr ? cache.oldest() : std::min(cache.oldest(), tracks_.oldest_for_polish());
   state.next_serial = inbox_.next_serial();
   state.summary = summary_;
+  if (newest_seeds_.frame == state.taken_frame) state.summary.points -= newest_seeds_.count;
   for (const auto& track : tracks_.all()) {
-    // Its seed is said again, and counted then.
-    if (track->seed().frame == state.taken_frame && state.taken_frame > 0) --state.summary.points;
+    if (track->seed().frame == state.taken_frame) continue;
     SessionState::Track& saved = state.tracks.emplace_back();
     saved.state = track->state();
+    if (saved.state.ending && saved.state.ending->last_frame == state.taken_frame) saved.state.ending.reset();
     if (flow_ == nullptr) continue;
     if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = *patch;
   }
@@ -397,7 +402,7 @@ SessionState Session::State() const {
 void Session::StartCheckpoint() {
   const int64_t interval = options_.accepted.checkpoint_interval_frames;
   const int64_t newest = tracks_.cache().newest();
-  if (interval == 0 || newest < checkpoint_frame_ + interval || outgrown_ || sealing_) return;
+  if (interval == 0 || newest < std::max<int64_t>(checkpoint_frame_ + interval, 1) || outgrown_ || sealing_) return;
   checkpoint_frame_ = newest;
   sealing_ = true;
   threads_.submit([self = shared_from_this(), state = std::make_shared<SessionState>(State())] {
@@ -427,7 +432,7 @@ void Session::SendCheckpoint(const SessionState& state) {
 }
 
 void Session::Suspend() {
-  if (options_.sealer != nullptr && tracks_.cache().newest() >= 0 && !outgrown_) SendCheckpoint(State());
+  if (options_.sealer != nullptr && tracks_.cache().newest() >= 1 && !outgrown_) SendCheckpoint(State());
   Close(inbox_.end_status());
 }
 

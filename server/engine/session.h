@@ -96,7 +96,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // Takes over what was polished, ends tracks, forgets frames, and ends the session when it is cancelled or has nothing
   // left to do. True: polish is done, so there may be room for frames that nobody will report.
   bool FinishTurn();
-  // All that it takes to go on elsewhere.
+  // All that it takes to go on elsewhere, as before what was said about points at the newest frame, which comes again.
+  // REQUIRES: that frame is not the first, whose points came with the configuration.
   SessionState State() const;
   // Ends the session as it stands.
   void Close(const absl::Status& status);
@@ -176,6 +177,10 @@ class Session : public std::enable_shared_from_this<Session> {
   std::unique_ptr<Admission::Ticket> ticket_;
   TrackSet tracks_;
   SessionSummary summary_;
+  struct {
+    int64_t frame = -1;
+    int64_t count = 0;
+  } newest_seeds_;                 // of the frame at which points were added last
   int64_t taken_frame_ = -1;       // of the session that this one goes on with
   int64_t checkpoint_frame_ = -1;  // the newest frame when the last checkpoint was made
   bool closed_ = false;

@@ -26,8 +26,8 @@ struct SessionState {
   bool polish = false;
 
   int64_t next_frame = 0;  // the first frame to send again
-  // Frames up to this one have been taken over: of what the stream said about points, everything before this frame is
-  // in here, and what it says at this very frame may be said again.
+  // Frames up to this one have been taken over. Of what the stream said about points everything before this frame is in
+  // here, and nothing that it said at it, which comes again.
   int64_t taken_frame = -1;
   uint64_t next_serial = 0;
   SessionSummary summary;

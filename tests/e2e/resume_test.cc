@@ -59,8 +59,10 @@ class ResumeTest : public ::testing::Test {
     return std::make_unique<ServerProcess>(HOLDFAST_SERVER_PROGRAM, flags);
   }
 
-  static std::unique_ptr<RemoteTracker> Connect(std::vector<std::string> addresses) {
+  static std::unique_ptr<RemoteTracker> Connect(std::vector<std::string> addresses,
+                                                absl::Duration reconnect_timeout = absl::Minutes(2)) {
     RemoteTracker::Options options;
+    options.reconnect_timeout = reconnect_timeout;
     options.addresses = std::move(addresses);
     options.checkpoint_interval_frames = 8;
     auto tracker = RemoteTracker::Connect(options);
@@ -247,7 +249,7 @@ TEST_F(ResumeTest, AServerOfOtherKeysRefusesTheToken) {
   std::ofstream(others) << "k2:" << std::string(64, 'b') << "\n";
   flags_.push_back(absl::StrCat("--checkpoint_keys=", others));
   const auto second = Start();
-  const auto tracker = Connect({first->address(), second->address()});
+  const auto tracker = Connect({first->address(), second->address()}, absl::Seconds(2));
   RecordingObserver observer;
   SessionConfig config;
   config.encoding = FrameEncoding::kGray8;

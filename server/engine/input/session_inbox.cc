@@ -140,7 +140,8 @@ void SessionInbox::Suspend(absl::Status status) {
   if (cancelled_ || suspended_) return;
   suspended_ = ended_ = true;
   end_status_ = std::move(status);
-  DropFromLocked(0);
+  // What was said about points at frames that have been taken belongs to the state that they leave behind.
+  DropFromLocked(pending_.empty() ? received_ : pending_.front().index);
 }
 
 void SessionInbox::Cancel() {

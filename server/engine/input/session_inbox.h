@@ -39,9 +39,8 @@ class SessionInbox {
     FrameFormat format;
     SessionLimits limits;
     int max_pending_frames = 8;
-    // A session that goes on where another one was: frames before 'next' are ignored, and what the stream says about
-    // points before frame 'taken', which has been seen already, too. What it says at that very frame counts again,
-    // which makes no difference: a point that is added again where it was added begins anew there.
+    // A session that goes on where another one was: frames before 'next' are ignored, and so is what the stream says
+    // about points before frame 'taken', as it has been said already.
     struct Resumed {
       int64_t next = 0;
       int64_t taken = 0;
@@ -61,7 +60,7 @@ class SessionInbox {
   absl::Status RemovePoints(const std::vector<PointId>& ids) ABSL_LOCKS_EXCLUDED(mutex_);
   // No more input; the session ends with 'status' when it has worked off what is here. Only the first call counts.
   void End(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Drops what is here; the session ends with 'status' as it stands. Counts unless it was cancelled before.
+  // Drops the frames that are here, and what belongs to them; the session ends with 'status' as it stands. Counts unless it was cancelled before.
   void Suspend(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
   // Drops what is here.
   void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
