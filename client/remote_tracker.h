@@ -36,7 +36,7 @@ class RemoteTracker final : public PointTracker {
     // Sessions go on when their server is lost; false: they end. Servers that make no checkpoints end them as well.
     bool resume = true;
     // Of messages that a stream keeps for that. PushFrame waits while they are full; a session for which they can never
-    // do is ended with RESOURCE_EXHAUSTED, which says how much it takes.
+    // do goes on without, and a warning says how much it would take.
     int64_t buffer_bytes = int64_t{256} << 20;
     int checkpoint_interval_frames = 24;  // asked for where SessionConfig leaves it open
     // How long a session that lost its server may look for one; then it ends with the last error.

@@ -57,19 +57,19 @@ absl::Status ResumingStream::AwaitAnswer() {
 absl::Status ResumingStream::PushFrame(Frame frame) {
   v1::TrackRequest request;
   *request.mutable_frame() = ToProto(std::move(frame));
-  return Push(std::move(request));
+  return queue_.Push(std::move(request));
 }
 
 absl::Status ResumingStream::AddPoints(std::vector<PointQuery> points) {
   v1::TrackRequest request;
   *request.mutable_add_points() = AddPointsToProto(points);
-  return Push(std::move(request));
+  return queue_.Push(std::move(request));
 }
 
 absl::Status ResumingStream::RemovePoints(std::vector<PointId> ids) {
   v1::TrackRequest request;
   *request.mutable_remove_points() = RemovePointsToProto(ids);
-  return Push(std::move(request));
+  return queue_.Push(std::move(request));
 }
 
 absl::Status ResumingStream::Finish() {
@@ -79,18 +79,10 @@ absl::Status ResumingStream::Finish() {
   return *end_;
 }
 
-void ResumingStream::Cancel() { Stop(absl::CancelledError("the session was cancelled")); }
-
-absl::Status ResumingStream::Push(v1::TrackRequest request) {
-  const absl::Status pushed = queue_.Push(std::move(request));
-  if (absl::IsResourceExhausted(pushed)) Stop(pushed);
-  return pushed;
-}
-
-void ResumingStream::Stop(const absl::Status& why) {
+void ResumingStream::Cancel() {
   absl::MutexLock lock(&mutex_);
   if (stopped_ || end_) return;
-  stopped_ = why;
+  stopped_ = absl::CancelledError("the session was cancelled");
   wake_.Notify();
   if (call_ != nullptr) call_->Cancel();
 }

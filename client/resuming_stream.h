@@ -53,7 +53,7 @@ class ResumingStream final : public TrackStream {
   absl::Status AddPoints(std::vector<PointQuery> points) override;
   absl::Status RemovePoints(std::vector<PointId> ids) override;
   absl::Status Finish() override ABSL_LOCKS_EXCLUDED(mutex_);
-  void Cancel() override;
+  void Cancel() override ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
   // A call whose server has accepted the session.
@@ -61,11 +61,6 @@ class ResumingStream final : public TrackStream {
     std::shared_ptr<RemoteCall> call;
     SessionAccepted accepted;
   };
-
-  // --- The caller's thread; Stop: any.
-  absl::Status Push(v1::TrackRequest request);
-  // The session ends because of 'why', unless it is over.
-  void Stop(const absl::Status& why) ABSL_LOCKS_EXCLUDED(mutex_);
 
   // --- The stream's thread.
   void Run() ABSL_LOCKS_EXCLUDED(mutex_);

@@ -25,7 +25,10 @@ absl::Status SendQueue::Push(v1::TrackRequest request) {
   };
   mutex_.Await(absl::Condition(&decided));
   if (end_) return end_->ok() ? absl::FailedPreconditionError("the server has ended the session") : *end_;
-  if (buffer_.SpaceFor(bytes) == ReplayBuffer::Space::kNever) return TooSmall();
+  if (buffer_.SpaceFor(bytes) == ReplayBuffer::Space::kNever) {
+    warning_ = TooSmall();
+    buffer_.KeepNothing();
+  }
   buffer_.Append(message);
   return absl::OkStatus();
 }
@@ -35,9 +38,9 @@ absl::Status SendQueue::TooSmall() const {
   const double needed = static_cast<double>(buffer_.bytes()) / static_cast<double>(frames) *
                         static_cast<double>(buffer_.frames_needed() + 1);
   return absl::ResourceExhaustedError(absl::StrCat(
-      "holdfast: buffer_mib is too small to resume this session: ", buffer_.frames(), " frames fill its ",
+      "this session cannot be resumed when its server is lost: ", buffer_.frames(), " frames fill buffer_mib, ",
       static_cast<double>(buffer_bytes_) / kMebi, " MiB, and up to ", buffer_.frames_needed() + 1,
-      " have to be kept, about ", static_cast<int64_t>(needed / kMebi) + 1, " MiB; without resume nothing is kept"));
+      " have to be kept, about ", static_cast<int64_t>(needed / kMebi) + 1, " MiB"));
 }
 
 void SendQueue::Close() {
@@ -81,6 +84,11 @@ bool SendQueue::DropBefore(int64_t frame) {
 void SendQueue::KeepNothing() {
   absl::MutexLock lock(&mutex_);
   buffer_.KeepNothing();
+}
+
+std::optional<absl::Status> SendQueue::TakeWarning() {
+  absl::MutexLock lock(&mutex_);
+  return std::exchange(warning_, std::nullopt);
 }
 
 bool SendQueue::keeps() const {

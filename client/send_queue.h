@@ -22,7 +22,8 @@ class SendQueue {
   SendQueue(int64_t buffer_bytes, bool keep) : buffer_bytes_(buffer_bytes), buffer_(buffer_bytes, keep) {}
 
   // --- The caller.
-  // Blocks until there is room. RESOURCE_EXHAUSTED when there cannot be any; after the end, the end's status.
+  // Blocks until there is room; where there cannot be any, nothing is kept any more (see TakeWarning). After the end,
+  // the end's status.
   absl::Status Push(v1::TrackRequest request) ABSL_LOCKS_EXCLUDED(mutex_);
   // Nothing follows.
   void Close() ABSL_LOCKS_EXCLUDED(mutex_);
@@ -41,6 +42,8 @@ class SendQueue {
   bool DropBefore(int64_t frame) ABSL_LOCKS_EXCLUDED(mutex_);
   void KeepNothing() ABSL_LOCKS_EXCLUDED(mutex_);
   bool keeps() const ABSL_LOCKS_EXCLUDED(mutex_);
+  // Once: why nothing is kept any more though it was wanted, and how much it would take.
+  std::optional<absl::Status> TakeWarning() ABSL_LOCKS_EXCLUDED(mutex_);
   // Whoever waits, or comes later, gets 'status'.
   void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
   // For the reader of an error: the newest frame that was given to a call; empty before the first.
@@ -54,6 +57,7 @@ class SendQueue {
   ReplayBuffer buffer_ ABSL_GUARDED_BY(mutex_);
   bool closed_ ABSL_GUARDED_BY(mutex_) = false;
   bool interrupted_ ABSL_GUARDED_BY(mutex_) = true;
+  std::optional<absl::Status> warning_ ABSL_GUARDED_BY(mutex_);  // not taken yet
   std::optional<absl::Status> end_ ABSL_GUARDED_BY(mutex_);
   int64_t last_frame_ ABSL_GUARDED_BY(mutex_) = -1;
 };

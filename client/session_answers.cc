@@ -21,6 +21,7 @@ void SessionAnswers::Begin(const SessionAccepted& accepted) {
 }
 
 absl::Status SessionAnswers::Deliver(const v1::TrackResponse& response) {
+  if (const auto warning = queue_.TakeWarning()) observer_.OnWarning(*warning);
   switch (response.response_case()) {
     case v1::TrackResponse::kTracks:
       return DeliverTracks(response.tracks());

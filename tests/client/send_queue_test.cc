@@ -70,17 +70,24 @@ TEST(SendQueueTest, AFullQueueHasRoomAgainAfterACheckpoint) {
   pusher.join();
 }
 
-TEST(SendQueueTest, AQueueThatCanNeverHoldEnoughSaysWhatItTakes) {
+TEST(SendQueueTest, AQueueThatCanNeverHoldEnoughSaysWhatItTakesAndKeepsNothing) {
   SendQueue queue(kMebi, true);
   ASSERT_TRUE(queue.Restart(WithCheckpoints(6, 2)));
-  absl::Status status;
-  for (int64_t i = 0; status.ok(); ++i) {
-    status = queue.Push(FrameRequest(i, 300 << 10));
-    if (status.ok()) queue.Next();
+  for (int64_t i = 0; i < 3; ++i) {
+    EXPECT_THAT(queue.Push(FrameRequest(i, 300 << 10)), IsOk());
+    EXPECT_NE(queue.Next(), nullptr);
   }
-  EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted,
-                               AllOf(HasSubstr("buffer_mib"), HasSubstr("3 frames fill its 1 MiB"),
-                                     HasSubstr("up to 11 have to be kept, about 4 MiB"))));
+  EXPECT_TRUE(queue.keeps());
+  EXPECT_EQ(queue.TakeWarning(), std::nullopt);
+  EXPECT_THAT(queue.Push(FrameRequest(3, 300 << 10)), IsOk());
+  EXPECT_FALSE(queue.keeps());
+  EXPECT_EQ(queue.Next()->frame().index(), 3);
+  const std::optional<absl::Status> warning = queue.TakeWarning();
+  ASSERT_TRUE(warning.has_value());
+  EXPECT_THAT(*warning, StatusIs(absl::StatusCode::kResourceExhausted,
+                                 AllOf(HasSubstr("3 frames fill buffer_mib, 1 MiB"),
+                                       HasSubstr("up to 11 have to be kept, about 4 MiB"))));
+  EXPECT_EQ(queue.TakeWarning(), std::nullopt);
 }
 
 TEST(SendQueueTest, AServerWithoutCheckpointsHasNothingKept) {
