@@ -69,6 +69,25 @@ class CliTest(unittest.TestCase):
     def holdfast(self, *args):
         return subprocess.run(**self.command(*args), timeout=120)
 
+    def test_load_of_all_kinds_of_clients(self):
+        done = self.holdfast("load", str(VIDEO), f"--server={self.server.address}", "--sessions=4", "--points=6",
+                             "--fps=4", "--seconds=4", "--bad=25", "--cancel=25", f"--out={self.path('load.json')}")
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        totals = {total["kind"]: total for total in json.loads(self.path("load.json").read_text())["totals"]}
+        self.assertEqual(totals["healthy"]["sessions"], 2)
+        self.assertGreaterEqual(totals["healthy"]["frames"], 24)
+        self.assertEqual(totals["healthy"]["final_ms"]["count"], totals["healthy"]["frames"])
+        for kind in ("bad", "cancel"):
+            self.assertGreaterEqual(totals[kind]["sessions"], 1)
+            self.assertEqual(totals[kind]["errors"], [])
+        self.assertIn("healthy", done.stdout)
+
+    def test_load_of_a_server_that_is_not_there_fails(self):
+        done = self.holdfast("load", str(VIDEO), "--server=127.0.0.1:1", "--connect_timeout=1s", "--sessions=2",
+                             "--seconds=2")
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("2 of 2 healthy clients saw errors", done.stderr)
+
     def test_every_output_of_a_real_video(self):
         common = ["track", str(VIDEO), f"--server={self.server.address}"]
         self.path("points.csv").write_text("id,x,y,frame\n11,268,224,0\n12,513,162,4\n13,%d,%d,0\n" % RESTING)
