@@ -60,7 +60,8 @@ class SessionInbox {
   absl::Status RemovePoints(const std::vector<PointId>& ids) ABSL_LOCKS_EXCLUDED(mutex_);
   // No more input; the session ends with 'status' when it has worked off what is here. Only the first call counts.
   void End(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Drops the frames that are here, and what belongs to them; the session ends with 'status' as it stands. Counts unless it was cancelled before.
+  // Drops the frames that are here, and what belongs to them; the session ends with 'status' as it stands. Counts
+  // unless it was cancelled before.
   void Suspend(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
   // Drops what is here.
   void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
