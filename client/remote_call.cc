@@ -7,13 +7,17 @@
 
 namespace holdfast {
 
+absl::Status WithText(const absl::Status& status, absl::string_view text) {
+  absl::Status changed(status.code(), text);
+  status.ForEachPayload([&changed](absl::string_view url, const absl::Cord& cord) { changed.SetPayload(url, cord); });
+  return changed;
+}
+
 absl::Status AboutServer(absl::string_view address, const absl::Status& status, absl::string_view where) {
   if (status.ok()) return status;
   const bool unavailable = status.code() == absl::StatusCode::kUnavailable;
-  absl::Status named(status.code(), absl::StrCat("holdfast: server at ", address,
-                                                 unavailable ? " is unavailable: " : ": ", status.message(), where));
-  status.ForEachPayload([&named](absl::string_view url, const absl::Cord& cord) { named.SetPayload(url, cord); });
-  return named;
+  return WithText(status, absl::StrCat("holdfast: server at ", address, unavailable ? " is unavailable: " : ": ",
+                                       status.message(), where));
 }
 
 absl::Status RemoteCall::Finish() {

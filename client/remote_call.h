@@ -20,6 +20,9 @@ struct RemoteServer {
   std::shared_ptr<grpc::Channel> channel;
 };
 
+// The code and the details of 'status' with another text.
+absl::Status WithText(const absl::Status& status, absl::string_view text);
+
 // 'status' with the server's address in front of its text and 'where' behind it; details are kept.
 absl::Status AboutServer(absl::string_view address, const absl::Status& status, absl::string_view where = "");
 

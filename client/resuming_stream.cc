@@ -6,7 +6,6 @@
 #include <random>
 #include <utility>
 
-#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "proto/convert.h"
 
@@ -23,12 +22,6 @@ std::function<double()> MakeRandom() {
 bool AnotherServerMayAccept(const absl::Status& status) {
   return absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status) || absl::IsResourceExhausted(status) ||
          absl::IsFailedPrecondition(status);
-}
-
-absl::Status WithSuffix(const absl::Status& status, absl::string_view suffix) {
-  absl::Status longer(status.code(), absl::StrCat(status.message(), suffix));
-  status.ForEachPayload([&longer](absl::string_view url, const absl::Cord& cord) { longer.SetPayload(url, cord); });
-  return longer;
 }
 
 }  // namespace
@@ -139,8 +132,9 @@ absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenNext(absl::Status l
     if (!plan_.Failed(lost, clock_.SteadyNow())) return lost;
     if (absl::IsFailedPrecondition(lost)) refused = lost;
   }
-  return WithSuffix(refused.ok() ? lost : refused, absl::StrCat("; no server took the session over within ",
-                                                                absl::FormatDuration(options_.reconnect_timeout)));
+  const absl::Status& why = refused.ok() ? lost : refused;
+  return WithText(why, absl::StrCat(why.message(), "; no server took the session over within ",
+                                    absl::FormatDuration(options_.reconnect_timeout)));
 }
 
 absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenOn(size_t server, absl::Duration timeout) {

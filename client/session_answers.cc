@@ -3,7 +3,6 @@
 
 #include <utility>
 
-#include "absl/time/time.h"
 #include "proto/convert.h"
 #include "proto/grpc_status.h"
 
@@ -30,11 +29,9 @@ absl::Status SessionAnswers::Deliver(const v1::TrackResponse& response) {
     case v1::TrackResponse::kWarning:
       observer_.OnWarning(FromRpcStatus(response.warning()));
       return absl::OkStatus();
-    case v1::TrackResponse::kGoingAway: {
-      const auto& left = response.going_away().time_left();
-      observer_.OnGoingAway(absl::Seconds(left.seconds()) + absl::Nanoseconds(left.nanos()));
+    case v1::TrackResponse::kGoingAway:
+      observer_.OnGoingAway(FromProto(response.going_away()));
       return absl::OkStatus();
-    }
     case v1::TrackResponse::kSummary:
       summary_ = FromProto(response.summary());
       return absl::OkStatus();

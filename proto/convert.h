@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "api/types.h"
 #include "holdfast/v1/point_tracking.pb.h"
 
@@ -29,12 +30,14 @@ absl::StatusOr<std::vector<PointId>> FromProto(const v1::RemovePoints& remove);
 v1::SessionAccepted ToProto(const SessionAccepted& accepted);
 v1::Tracks ToProto(const TrackUpdate& update);
 v1::Checkpoint ToProto(Checkpoint checkpoint);
+v1::GoingAway GoingAwayToProto(absl::Duration time_left);
 v1::SessionSummary ToProto(const SessionSummary& summary);
 v1::GetServerInfoResponse ToProto(const TrackerInfo& info);
 
 absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted);
 absl::StatusOr<TrackUpdate> FromProto(const v1::Tracks& tracks);
 absl::StatusOr<Checkpoint> FromProto(v1::Checkpoint&& checkpoint);
+absl::Duration FromProto(const v1::GoingAway& going_away);
 SessionSummary FromProto(const v1::SessionSummary& summary);
 absl::StatusOr<TrackerInfo> FromProto(const v1::GetServerInfoResponse& info);
 

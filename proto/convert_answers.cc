@@ -106,6 +106,16 @@ absl::StatusOr<Checkpoint> FromProto(v1::Checkpoint&& checkpoint) {
   return Checkpoint{std::move(*checkpoint.mutable_token()), checkpoint.next_frame(), checkpoint.resumable()};
 }
 
+v1::GoingAway GoingAwayToProto(absl::Duration time_left) {
+  v1::GoingAway out;
+  internal::DurationToProto(time_left, out.mutable_time_left());
+  return out;
+}
+
+absl::Duration FromProto(const v1::GoingAway& going_away) {
+  return internal::DurationFromProto(going_away.time_left());
+}
+
 v1::Tracks ToProto(const TrackUpdate& update) {
   v1::Tracks out;
   out.mutable_runs()->Reserve(static_cast<int>(update.runs.size()));

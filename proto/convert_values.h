@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Values that stand in requests and answers alike; for convert.cc and convert_answers.cc alone.
+// Values that stand in several kinds of messages; for the .cc files of this folder alone.
 #pragma once
 
 #include <optional>
@@ -34,6 +34,15 @@ inline void TimeToProto(absl::Time time, google::protobuf::Timestamp* out) {
   const int64_t seconds = absl::ToUnixSeconds(time);  // rounds down, so that the rest is never negative
   out->set_seconds(seconds);
   out->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(time - absl::FromUnixSeconds(seconds))));
+}
+
+inline absl::Duration DurationFromProto(const google::protobuf::Duration& duration) {
+  return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
+}
+
+inline void DurationToProto(absl::Duration duration, google::protobuf::Duration* out) {
+  out->set_seconds(absl::IDivDuration(duration, absl::Seconds(1), &duration));
+  out->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(duration)));
 }
 
 }  // namespace holdfast::internal

@@ -10,6 +10,7 @@
 #include "absl/time/time.h"
 #include "api/errors.h"
 #include "google/rpc/error_details.pb.h"
+#include "proto/convert_values.h"
 
 namespace holdfast {
 namespace {
@@ -57,9 +58,7 @@ void AddOverload(const Overload& overload, google::rpc::Status& out) {
   out.add_details()->PackFrom(quota);
   if (overload.retry_after <= absl::ZeroDuration()) return;  // trying again is of no use
   google::rpc::RetryInfo retry;
-  const int64_t ms = absl::ToInt64Milliseconds(overload.retry_after);
-  retry.mutable_retry_delay()->set_seconds(ms / 1000);
-  retry.mutable_retry_delay()->set_nanos(static_cast<int32_t>(ms % 1000) * 1'000'000);
+  internal::DurationToProto(absl::Trunc(overload.retry_after, absl::Milliseconds(1)), retry.mutable_retry_delay());
   out.add_details()->PackFrom(retry);
 }
 
@@ -79,8 +78,7 @@ absl::Status WithDetails(const google::rpc::Status& in, absl::Status status) {
       overload.subject = quota.violations(0).subject();
       overload.description = quota.violations(0).description();
     } else if (any.UnpackTo(&retry)) {
-      overload.retry_after =
-          absl::Seconds(retry.retry_delay().seconds()) + absl::Nanoseconds(retry.retry_delay().nanos());
+      overload.retry_after = internal::DurationFromProto(retry.retry_delay());
     }
   }
   const auto adopt = [&status](const absl::Status& source) {

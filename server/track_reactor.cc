@@ -17,13 +17,6 @@ namespace {
 constexpr size_t kMaxWarnings = 16;     // waiting to be sent; later ones are dropped
 constexpr size_t kMaxLoggedText = 300;  // bytes
 
-v1::GoingAway ToProto(absl::Duration time_left) {
-  v1::GoingAway message;
-  message.mutable_time_left()->set_seconds(absl::IDivDuration(time_left, absl::Seconds(1), &time_left));
-  message.mutable_time_left()->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(time_left)));
-  return message;
-}
-
 bool IsServersFault(const absl::Status& status) {
   return absl::IsInternal(status) || absl::IsUnknown(status) || absl::IsDataLoss(status);
 }
@@ -323,7 +316,7 @@ bool TrackReactor::NextResponseLocked() {
     *response.mutable_accepted() = ToProto(*accepted_);
     accepted_.reset();
   } else if (going_away_) {
-    *response.mutable_going_away() = ToProto(*going_away_);
+    *response.mutable_going_away() = GoingAwayToProto(*going_away_);
     going_away_.reset();
   } else if (!warnings_.empty()) {
     *response.mutable_warning() = ToRpcStatus(warnings_.front());
