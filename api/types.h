@@ -57,6 +57,10 @@ struct SessionConfig {
   // Of a checkpoint: this session goes on where that one was. Options left open are those of that session, others have
   // to be the same; 'points' is ignored, as the token holds them.
   std::string resume_token;
+  // Frames will come at this rate: the session is taken only where it can be kept up beside what others were promised.
+  // 0: at the pace that there is time for.
+  double frames_per_second = 0;
+  int expected_points = 0;  // that will be tracked at once, where that is more than 'points'
 };
 
 struct Frame {
@@ -128,6 +132,16 @@ struct SessionSummary {
   int64_t final_samples = 0;  // (point, frame) pairs made final
 };
 
+// What a tracker is doing now. Work is in point-frames a second: one point followed through one frame with the default
+// hop and iterations; a frame counts for frame_work of them, whatever its points (at the default processing size).
+struct TrackerLoad {
+  int sessions = 0;          // open
+  int64_t points = 0;        // tracked, over all sessions
+  double work_promised = 0;  // to the open sessions
+  double work_budget = 0;    // that may be promised, as measured; infinite: nothing bounds it
+  double frame_work = 0;
+};
+
 struct TrackerInfo {
   std::string model_name;
   std::string preset;          // a preset's name, or "custom"
@@ -144,6 +158,7 @@ struct TrackerInfo {
   bool calibrated_confidence = false;  // confidence is the probability of being visible and right
   int max_sessions = 0;
   SessionLimits limits;
+  TrackerLoad load;
 };
 
 }  // namespace holdfast

@@ -127,6 +127,8 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   if (config.polish) out.set_polish(*config.polish);
   out.set_checkpoint_interval_frames(config.checkpoint_interval_frames);
   out.set_resume_token(config.resume_token);
+  out.set_frames_per_second(static_cast<float>(config.frames_per_second));
+  out.set_expected_points(config.expected_points);
   return out;
 }
 
@@ -149,6 +151,8 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   out.checkpoint_interval_frames =
       CountFromProto(config.checkpoint_interval_frames(), "config.checkpoint_interval_frames", violations);
   out.resume_token = config.resume_token();
+  out.frames_per_second = config.frames_per_second();
+  out.expected_points = CountFromProto(config.expected_points(), "config.expected_points", violations);
   if (!violations.empty()) return violations.ToStatus();
   return out;
 }

@@ -178,6 +178,12 @@ v1::GetServerInfoResponse ToProto(const TrackerInfo& info) {
   out.set_default_motion_prior(info.default_motion_prior);
   out.set_default_polish(info.default_polish);
   out.set_calibrated_confidence(info.calibrated_confidence);
+  v1::ServerLoad& load = *out.mutable_load();
+  load.set_sessions(info.load.sessions);
+  load.set_points(info.load.points);
+  load.set_work_promised(info.load.work_promised);
+  load.set_work_budget(info.load.work_budget);
+  load.set_frame_work(info.load.frame_work);
   return out;
 }
 
@@ -198,6 +204,9 @@ absl::StatusOr<TrackerInfo> FromProto(const v1::GetServerInfoResponse& info) {
   out.default_motion_prior = info.default_motion_prior();
   out.default_polish = info.default_polish();
   out.calibrated_confidence = info.calibrated_confidence();
+  const v1::ServerLoad& load = info.load();
+  out.load = {static_cast<int>(load.sessions()), static_cast<int64_t>(load.points()), load.work_promised(),
+              load.work_budget(), load.frame_work()};
   if (out.window_frames < 2) return absl::InternalError("the server sent a malformed GetServerInfoResponse");
   return out;
 }

@@ -65,6 +65,12 @@ ABSL_FLAG(bool, polish, Defaults().engine.polish,
           "Moves final positions to where the picture says, where a session leaves it open. Finer; costs time of a "
           "decode thread on every frame.");
 ABSL_FLAG(int, max_sessions, Defaults().engine.max_sessions, "Refuses further sessions while this many are open.");
+ABSL_FLAG(double, max_load, Defaults().engine.max_load,
+          "Refuses a session whose work, beside what open ones were promised, would take more than this share of the "
+          "computing time, as measured at start and since. 0: sessions are not counted by work.");
+ABSL_FLAG(
+    double, least_fps, Defaults().engine.least_frames_per_second,
+    "Promises this many frames a second to a session that names no rate. One that is alone is taken at any pace.");
 ABSL_FLAG(int, max_points, Defaults().engine.limits.max_points, "Refuses more points than this in one session.");
 ABSL_FLAG(int, max_frame_mib, static_cast<int>(Mebi(Defaults().engine.limits.max_frame_bytes)),
           "Refuses encoded frames of more than this many MiB.");
@@ -148,6 +154,8 @@ absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
   options.motion_prior = absl::GetFlag(FLAGS_motion_prior);
   options.polish = absl::GetFlag(FLAGS_polish);
   options.max_sessions = absl::GetFlag(FLAGS_max_sessions);
+  options.max_load = absl::GetFlag(FLAGS_max_load);
+  options.least_frames_per_second = absl::GetFlag(FLAGS_least_fps);
   options.max_batch_rows = absl::GetFlag(FLAGS_max_batch_rows);
   options.max_pending_frames = absl::GetFlag(FLAGS_max_pending_frames);
   options.cache_budget_bytes = absl::GetFlag(FLAGS_cache_mib) * kMebi;

@@ -74,7 +74,17 @@ const char* Name(FrameResult result) {
   return "other";
 }
 
-const char* Name(RejectReason reason) { return reason == RejectReason::kSessions ? "sessions" : "memory"; }
+const char* Name(RejectReason reason) {
+  switch (reason) {
+    case RejectReason::kSessions:
+      return "sessions";
+    case RejectReason::kMemory:
+      return "memory";
+    case RejectReason::kWork:
+      return "work";
+  }
+  return "other";
+}
 
 const char* Name(RefusalReason reason) {
   switch (reason) {
@@ -155,6 +165,8 @@ struct PrometheusMetrics::Impl {
   Histogram& checkpoint_bytes =
       AddHistograms("holdfast_checkpoint_bytes", "Length of a checkpoint's token.").Add({}, TokenBuckets());
   Gauge& cache_bytes = AddGauge("holdfast_cache_bytes", "Features held now, over all sessions.");
+  Gauge& work_budget = AddGauge("holdfast_work_budget", "Point-frames a second that sessions may be promised.");
+  Gauge& work_promised = AddGauge("holdfast_work_promised", "Point-frames a second that sessions were promised.");
   Counter& precision_fallbacks =
       AddCounters("holdfast_precision_fallbacks_total",
                   "Processing sizes left in float32 because bfloat16 computed something else.")
@@ -168,7 +180,7 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
   Impl::Prepare(impl_->sessions, "outcome",
                 {SessionOutcome::kCompleted, SessionOutcome::kFailed, SessionOutcome::kCancelled});
   Impl::Prepare(impl_->frames, "result", {FrameResult::kTracked, FrameResult::kRejected, FrameResult::kDropped});
-  Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory});
+  Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory, RejectReason::kWork});
   Impl::Prepare(impl_->rejected, "reason",
                 {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams});
   Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused});
@@ -240,6 +252,10 @@ void PrometheusMetrics::BatchRefined(int64_t rows, int64_t iterations) {
 }
 
 void PrometheusMetrics::CacheBytes(int64_t bytes) { impl_->cache_bytes.Set(static_cast<double>(bytes)); }
+
+void PrometheusMetrics::WorkBudget(double work) { impl_->work_budget.Set(work); }
+
+void PrometheusMetrics::WorkPromised(double work) { impl_->work_promised.Set(work); }
 
 void PrometheusMetrics::PrecisionFellBack(ImageSize size, absl::string_view why) {
   impl_->precision_fallbacks.Increment();

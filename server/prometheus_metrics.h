@@ -35,6 +35,8 @@ class PrometheusMetrics final : public EngineMetrics, public ServerEvents {
   void SessionLag(int64_t frames) override;
   void BatchRefined(int64_t rows, int64_t iterations) override;
   void CacheBytes(int64_t bytes) override;
+  void WorkBudget(double work) override;
+  void WorkPromised(double work) override;
   void PrecisionFellBack(ImageSize size, absl::string_view why) override;
   void StreamRefused(RefusalReason reason) override;
   void SessionResumed(ResumeResult result) override;

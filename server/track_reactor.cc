@@ -72,7 +72,7 @@ void TrackReactor::InputEnded(EngineSession* session) {
 
 absl::Status TrackReactor::TakeMessage(EngineSession* session) {
   v1::TrackRequest request;
-  if (absl::Status status = ParseRequest(request_, deps_.engine.info().limits.max_points, request); !status.ok()) {
+  if (absl::Status status = ParseRequest(request_, deps_.engine.limits().max_points, request); !status.ok()) {
     return status;
   }
   return session == nullptr ? Open(request) : Apply(std::move(request), *session);

@@ -49,6 +49,9 @@ ABSL_FLAG(int, hop, 0, "Asks for a window after this many new frames. 0: the ser
 ABSL_FLAG(int, iterations, 0, "Asks for this many refinement iterations of a window. 0: the server's default.");
 ABSL_FLAG(bool, live, false,
           "Has every frame answered at once with what optical flow says, and shows that in --overlay and --still.");
+ABSL_FLAG(double, promise_fps, 0,
+          "Asks the server to promise this many frames a second, and ends where it cannot. 0: at the pace that it has "
+          "time for.");
 ABSL_FLAG(bool, json, false, "Prints the server's answer as JSON.");
 ABSL_FLAG(int, sessions, holdfast::LoadOptions().sessions, "Opens so many sessions at once.");
 ABSL_FLAG(std::string, fps, "max", "Sends so many frames a second in each session. max: as many as the server takes.");
@@ -90,9 +93,10 @@ std::string Help() {
       DescribeFlags({"points", "grid", "mask", "query_frame"}),
       "\nResults (track; at least one of out, overlay and still):\n",
       DescribeFlags({"out", "overlay", "still", "still_frame", "trail_frames"}), "\nTracking (track):\n",
-      DescribeFlags({"max_frames", "max_side", "jpeg_quality", "processing_size", "hop", "iterations", "live"}),
+      DescribeFlags(
+          {"max_frames", "max_side", "jpeg_quality", "processing_size", "hop", "iterations", "live", "promise_fps"}),
       "\nInfo:\n", DescribeFlags({"json"}),
-      "\nLoad (with points, out, max_side, jpeg_quality, processing_size, hop and live of above):\n",
+      "\nLoad (with points, out, max_side, jpeg_quality, processing_size, hop, live and promise_fps of above):\n",
       DescribeFlags({"sessions", "fps", "seconds", "slow", "cancel", "bad"}));
 }
 
@@ -111,6 +115,7 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
   options.live = absl::GetFlag(FLAGS_live);
+  options.promise_fps = absl::GetFlag(FLAGS_promise_fps);
   if (absl::Status status = options.Validate(); !status.ok()) return status;
   return options;
 }
@@ -150,6 +155,7 @@ absl::StatusOr<LoadOptions> LoadOptionsFromFlags(const std::string& input) {
   options.processing_size = absl::GetFlag(FLAGS_processing_size);
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.live = absl::GetFlag(FLAGS_live);
+  options.promise_fps = absl::GetFlag(FLAGS_promise_fps);
   if (absl::Status status = options.Validate(); !status.ok()) return status;
   return options;
 }

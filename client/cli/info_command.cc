@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/info_command.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
@@ -12,6 +13,15 @@ namespace {
 using nlohmann::ordered_json;
 
 constexpr double kMebi = 1 << 20;
+
+std::string DescribeLoad(const TrackerLoad& load) {
+  std::string text = absl::StrFormat("%d sessions, %d points", load.sessions, load.points);
+  if (std::isfinite(load.work_budget)) {
+    absl::StrAppendFormat(&text, ", %.0f of %.0f point-frames/s promised (a frame counts %.0f)", load.work_promised,
+                          load.work_budget, load.frame_work);
+  }
+  return text;
+}
 
 }  // namespace
 
@@ -29,6 +39,7 @@ std::string DescribeServer(const TrackerInfo& info) {
   line("windows", absl::StrFormat("%d frames, a new one every %d, %d iterations by default", info.window_frames,
                                   info.default_hop_frames, info.default_iterations));
   line("sessions", absl::StrCat("at most ", info.max_sessions));
+  line("load", DescribeLoad(info.load));
   line("session", absl::StrCat("at most ", limits.max_points, " points, ",
                                limits.max_frames == 0 ? "endless" : absl::StrCat(limits.max_frames, " frames")));
   line("frame",
@@ -50,7 +61,16 @@ std::string ServerAsJson(const TrackerInfo& info) {
       {"window_frames", info.window_frames},
       {"default_hop_frames", info.default_hop_frames},
       {"default_iterations", info.default_iterations},
+      {"default_motion_prior", info.default_motion_prior},
+      {"default_polish", info.default_polish},
+      {"calibrated_confidence", info.calibrated_confidence},
       {"max_sessions", info.max_sessions},
+      {"load",
+       {{"sessions", info.load.sessions},
+        {"points", info.load.points},
+        {"work_promised", info.load.work_promised},
+        {"work_budget", info.load.work_budget},  // null: infinite
+        {"frame_work", info.load.frame_work}}},
       {"limits",
        {{"max_points", info.limits.max_points},
         {"max_frame_bytes", info.limits.max_frame_bytes},

@@ -72,6 +72,7 @@ SessionConfig ConfigOf(const LoadOptions& options, ImageSize size) {
   config.processing_size = options.processing_size;
   config.hop_frames = options.hop_frames;
   config.emit = options.live ? Emit::kEveryFrame : Emit::kWindows;
+  config.frames_per_second = options.promise_fps;
   config.label = "holdfast load";
   PointId id = 0;
   for (const cv::Point2f& point : GridPoints(options.points, size)) config.points.push_back({id++, point.x, point.y});

@@ -27,6 +27,7 @@ struct LoadOptions {
   int jpeg_quality = 92;
   ImageSize processing_size;  // empty: the server's default
   int hop_frames = 0;         // 0: the server's default
+  double promise_fps = 0;     // that the server is to promise; 0: the pace that it has time for
   bool live = false;          // asks for an estimate on every frame
 
   absl::Status Validate() const;

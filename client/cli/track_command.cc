@@ -120,6 +120,8 @@ class TrackRun final : public TrackObserver {
     config.send_provisional = true;  // kept where the session ends before they are final
     config.emit = options_.live ? Emit::kEveryFrame : Emit::kWindows;
     config.points = PointsOf(0);
+    config.frames_per_second = options_.promise_fps;
+    if (options_.promise_fps > 0) config.expected_points = static_cast<int>(table_.tracks().size());
     config.label = "holdfast track";
     return config;
   }

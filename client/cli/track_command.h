@@ -28,6 +28,7 @@ struct TrackOptions {
   ImageSize processing_size;  // empty: the server's default
   int hop_frames = 0;         // 0: the server's default
   int iterations = 0;         // 0: the server's default
+  double promise_fps = 0;     // that the server is to promise; 0: the pace that it has time for
   bool live = false;  // asks for an estimate on every frame, and shows those; 'out' holds final ones all the same
 
   // What is wrong with the call itself, before any file is opened.

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/admission.h"
 
-#include "absl/strings/str_cat.h"
+#include <algorithm>
+
+#include "absl/strings/str_format.h"
 #include "absl/time/time.h"
 #include "api/errors.h"
 
@@ -11,29 +13,71 @@ namespace {
 // Sessions last seconds to hours; a client that asks this often does no harm.
 constexpr absl::Duration kRetryAfter = absl::Seconds(2);
 
+// Point-frames a second that the session takes with this many points.
+double WorkOf(const Admission::Demand& demand, int64_t points) {
+  const auto most = static_cast<double>(std::max(points, demand.points));
+  return demand.frames_per_second * (demand.work.frame + demand.work.point * most);
+}
+
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Admission::Ticket>> Admission::Admit(int64_t bytes) {
+absl::StatusOr<std::unique_ptr<Admission::Ticket>> Admission::Admit(const Demand& demand) {
   absl::MutexLock lock(&mutex_);
-  if (sessions_ >= limits_.max_sessions) {
+  if (absl::Status status = Check(demand); !status.ok()) return status;
+  ++load_.sessions;
+  bytes_ += demand.bytes;
+  load_.work += WorkOf(demand, 0);
+  metrics_.WorkPromised(load_.work);
+  return std::make_unique<Ticket>(*this, demand);
+}
+
+absl::Status Admission::Check(const Demand& demand) {
+  if (load_.sessions >= limits_.max_sessions) {
     metrics_.AdmissionRejected(RejectReason::kSessions);
-    return OverloadError("sessions", absl::StrCat("all ", limits_.max_sessions, " are in use"), kRetryAfter);
+    return OverloadError("sessions", absl::StrFormat("all %d are in use", limits_.max_sessions), kRetryAfter);
   }
-  if (bytes > limits_.max_bytes - bytes_) {
+  if (demand.bytes > limits_.max_bytes - bytes_) {
     metrics_.AdmissionRejected(RejectReason::kMemory);
-    const bool never = bytes > limits_.max_bytes;
+    const bool never = demand.bytes > limits_.max_bytes;
     return OverloadError("feature memory", never ? "the session needs more than there is" : "in use by other sessions",
                          never ? absl::ZeroDuration() : kRetryAfter);
   }
-  ++sessions_;
-  bytes_ += bytes;
-  return std::make_unique<Ticket>(*this, bytes);
+  return CheckWork(demand);
 }
 
-void Admission::Release(int64_t bytes) {
+absl::Status Admission::CheckWork(const Demand& demand) {
+  // Who would be served at any pace has nobody to slow down.
+  if (load_.sessions == 0 && !demand.insists) return absl::OkStatus();
+  const double wanted = WorkOf(demand, 0), budget = meter_.Budget();
+  if (load_.work + wanted <= budget) return absl::OkStatus();
+  metrics_.AdmissionRejected(RejectReason::kWork);
+  return OverloadError(
+      "point-frames per second",
+      absl::StrFormat("the session needs %.0f, and %.0f of %.0f are promised to others", wanted, load_.work, budget),
+      wanted > meter_.QuietBudget() ? absl::ZeroDuration() : kRetryAfter);
+}
+
+Admission::Load Admission::load() const {
   absl::MutexLock lock(&mutex_);
-  --sessions_;
-  bytes_ -= bytes;
+  return load_;
+}
+
+void Admission::SetPoints(Ticket& ticket, int64_t points) {
+  absl::MutexLock lock(&mutex_);
+  load_.work += WorkOf(ticket.demand_, points) - WorkOf(ticket.demand_, ticket.points_);
+  load_.points += points - ticket.points_;
+  ticket.points_ = points;
+  metrics_.WorkPromised(load_.work);
+}
+
+void Admission::Release(const Ticket& ticket) {
+  absl::MutexLock lock(&mutex_);
+  --load_.sessions;
+  bytes_ -= ticket.demand_.bytes;
+  load_.points -= ticket.points_;
+  load_.work -= WorkOf(ticket.demand_, ticket.points_);
+  if (load_.sessions == 0) load_.work = 0;  // what rounding has left
+  metrics_.WorkPromised(load_.work);
 }
 
 }  // namespace holdfast

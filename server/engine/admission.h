@@ -8,6 +8,7 @@
 #include "absl/status/statusor.h"
 #include "absl/synchronization/mutex.h"
 #include "server/engine/metrics.h"
+#include "server/engine/work_meter.h"
 
 namespace holdfast {
 
@@ -19,31 +20,55 @@ class Admission {
     int max_sessions = 0;
     int64_t max_bytes = 0;
   };
+  // What a session asks for.
+  struct Demand {
+    int64_t bytes = 0;             // the most that its features will take
+    double frames_per_second = 0;  // that it is promised
+    bool insists = false;          // on that rate: rather refused than served more slowly when it is alone
+    WorkMeter::FrameWork work;
+    int64_t points = 0;  // that it will have at once
+  };
+  struct Load {
+    int sessions = 0;
+    int64_t points = 0;  // tracked now
+    double work = 0;     // promised, in point-frames a second
+  };
   class Ticket {
    public:
-    Ticket(Admission& admission, int64_t bytes) : admission_(admission), bytes_(bytes) {}
-    ~Ticket() { admission_.Release(bytes_); }
+    Ticket(Admission& admission, const Demand& demand) : admission_(admission), demand_(demand) {}
+    ~Ticket() { admission_.Release(*this); }
     Ticket(const Ticket&) = delete;
     Ticket& operator=(const Ticket&) = delete;
+    // The session tracks this many points now, which may be more than it asked for. From one thread.
+    void SetPoints(int64_t points) { admission_.SetPoints(*this, points); }
 
    private:
+    friend class Admission;
     Admission& admission_;
-    const int64_t bytes_;
+    const Demand demand_;
+    int64_t points_ = 0;  // guarded by the admission's mutex
   };
 
-  Admission(const Limits& limits, EngineMetrics& metrics) : limits_(limits), metrics_(metrics) {}
+  // Both must outlive the admission.
+  Admission(const Limits& limits, const WorkMeter& meter, EngineMetrics& metrics)
+      : limits_(limits), meter_(meter), metrics_(metrics) {}
 
-  // 'bytes': the most that the session's features will take. An overload error says when to come back.
-  absl::StatusOr<std::unique_ptr<Ticket>> Admit(int64_t bytes) ABSL_LOCKS_EXCLUDED(mutex_);
+  // An overload error says when to come back.
+  absl::StatusOr<std::unique_ptr<Ticket>> Admit(const Demand& demand) ABSL_LOCKS_EXCLUDED(mutex_);
+  Load load() const ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
-  void Release(int64_t bytes) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status Check(const Demand& demand) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status CheckWork(const Demand& demand) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void SetPoints(Ticket& ticket, int64_t points) ABSL_LOCKS_EXCLUDED(mutex_);
+  void Release(const Ticket& ticket) ABSL_LOCKS_EXCLUDED(mutex_);
 
   const Limits limits_;
+  const WorkMeter& meter_;
   EngineMetrics& metrics_;
-  absl::Mutex mutex_;
-  int sessions_ ABSL_GUARDED_BY(mutex_) = 0;
+  mutable absl::Mutex mutex_;
   int64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  Load load_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace holdfast

@@ -14,7 +14,7 @@ absl::StatusOr<std::unique_ptr<Engine>> Engine::Create(const EngineOptions& opti
   if (absl::Status status = options.Validate(); !status.ok()) return status;
   absl::StatusOr<LoadedModel> loaded = LoadModel(options.weights_path);
   if (!loaded.ok()) return loaded.status();
-  auto model = MakeTorchTrackerModel(*std::move(loaded), options, metrics);
+  auto model = MakeTorchTrackerModel(*std::move(loaded), options, clock, metrics);
   if (!model.ok()) return model.status();
   return CreateEngineWithModel(options, *std::move(model), clock, metrics);
 }

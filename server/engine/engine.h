@@ -24,7 +24,9 @@ class Engine {
   // 'listener' must outlive the session.
   virtual absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                                      SessionListener& listener) = 0;
-  virtual const TrackerInfo& info() const = 0;
+  // With the load of now.
+  virtual TrackerInfo info() const = 0;
+  virtual const SessionLimits& limits() const = 0;
 };
 
 }  // namespace holdfast

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/engine_options.h"
 
+#include <cmath>
+#include <utility>
+
 #include "absl/strings/str_cat.h"
 
 namespace holdfast {
@@ -34,6 +37,11 @@ absl::Status EngineOptions::Validate() const {
     if (field.value >= field.lowest) continue;
     return absl::InvalidArgumentError(
         absl::StrCat(field.name, " is ", field.value, ", must be at least ", field.lowest));
+  }
+  for (const auto& [name, value] :
+       {std::pair{"max_load", max_load}, {"least_frames_per_second", least_frames_per_second}}) {
+    if (std::isfinite(value) && value >= 0) continue;
+    return absl::InvalidArgumentError(absl::StrCat(name, " is ", value, ", must be at least 0"));
   }
   if (!IsProcessingSize(processing_size) || Pixels(processing_size) > max_processing_pixels) {
     return absl::InvalidArgumentError(absl::StrCat("processing_size is ", ToString(processing_size),

@@ -48,6 +48,11 @@ struct EngineOptions {
   // and costs decode threads a few milliseconds a frame. Off under kPublished.
   bool polish = true;
   int max_sessions = 16;  // at once; further ones are refused, and told when to come back
+  // The share of the time of computing that sessions may be promised; the rest is for bursts, and for what the
+  // processor does beside. A session that does not fit is refused. 0: sessions are not counted by work.
+  double max_load = 0.8;
+  // What a session that names no frame rate is promised. One that is alone is served at any pace.
+  double least_frames_per_second = 0.5;
   int max_batch_rows =
       256;  // rows of one refinement batch, over all sessions: more is more throughput and a longer wait
   int max_batch_frames = 4;  // frames of one encoder batch, over all sessions

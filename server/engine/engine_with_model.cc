@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/engine_with_model.h"
 
+#include <algorithm>
 #include <functional>
 #include <opencv2/core/utility.hpp>
 #include <optional>
@@ -16,6 +17,7 @@
 #include "server/engine/scheduler.h"
 #include "server/engine/session.h"
 #include "server/engine/tracks/calibration.h"
+#include "server/engine/work_meter.h"
 
 namespace holdfast {
 namespace {
@@ -107,13 +109,26 @@ class EngineImpl final : public Engine {
         clock_(clock),
         metrics_(metrics),
         info_(MakeInfo(options, model_->info())),
-        admission_({options.max_sessions, options.cache_budget_bytes}, metrics),
-        scheduler_({options.max_batch_frames, options.max_batch_rows}, *model_, clock, metrics),
+        meter_({model_->info().costs, info_.default_hop_frames, options.iterations, options.max_load}, clock, metrics),
+        default_frame_work_(meter_.Of(DefaultSession(info_)).frame),
+        admission_({options.max_sessions, options.cache_budget_bytes}, meter_, metrics),
+        scheduler_({options.max_batch_frames, options.max_batch_rows}, {*model_, meter_, clock, metrics}),
         pool_(options.decode_threads, clock) {
     cv::setNumThreads(1);  // each call runs on its thread of the pool; OpenCV's own would take the network's cores
   }
 
-  const TrackerInfo& info() const override { return info_; }
+  TrackerInfo info() const override {
+    TrackerInfo info = info_;
+    const Admission::Load load = admission_.load();
+    info.load.sessions = load.sessions;
+    info.load.points = load.points;
+    info.load.work_promised = load.work;
+    info.load.work_budget = meter_.Budget();
+    info.load.frame_work = default_frame_work_;
+    return info;
+  }
+
+  const SessionLimits& limits() const override { return options_.limits; }
 
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                              SessionListener& listener) override {
@@ -138,8 +153,7 @@ class EngineImpl final : public Engine {
     if (state) accepted->first_frame = state->next_frame;
     Session::Options options = MakeOptions(config, *accepted);
     if (absl::Status status = Prepare(state, options); !status.ok()) return status;
-    const int64_t frame_bytes = model_->FrameBytes(accepted->processing_size);
-    auto ticket = admission_.Admit(frame_bytes * options.max_cached_frames + Session::FlowBytes(options));
+    auto ticket = admission_.Admit(DemandOf(config, options));
     if (!ticket.ok()) return ticket.status();
     const auto jobs = std::make_shared<JobDoor>(pool_.NewQueue());
     const Session::Threads threads{[jobs](std::function<void()> job) { jobs->Submit(std::move(job)); },
@@ -155,6 +169,18 @@ class EngineImpl final : public Engine {
     return std::make_unique<SessionHandle>(std::move(session), jobs, scheduler_);
   }
 
+  Admission::Demand DemandOf(const SessionConfig& config, const Session::Options& options) const {
+    Admission::Demand demand;
+    const int64_t frame_bytes = model_->FrameBytes(options.accepted.processing_size);
+    demand.bytes = frame_bytes * options.max_cached_frames + Session::FlowBytes(options);
+    demand.insists = config.frames_per_second > 0;
+    demand.frames_per_second = demand.insists ? config.frames_per_second : options_.least_frames_per_second;
+    demand.work = meter_.Of(options.accepted);
+    const size_t known = options.inbox.resumed ? options.inbox.resumed->ids.size() : config.points.size();
+    demand.points = std::max<int64_t>(config.expected_points, static_cast<int64_t>(known));
+    return demand;
+  }
+
   // Checkpoints of the session, and where it goes on.
   absl::Status Prepare(const std::optional<SessionState>& state, Session::Options& options) const {
     if (options.sealer != nullptr) {
@@ -167,6 +193,14 @@ class EngineImpl final : public Engine {
     options.inbox.resumed = ResumedInbox(*state);
     const int64_t points = static_cast<int64_t>(options.inbox.resumed->ids.size());
     return CheckPointCount(points, options_.limits.max_points);
+  }
+
+  static SessionAccepted DefaultSession(const TrackerInfo& info) {
+    SessionAccepted session;
+    session.processing_size = info.default_processing_size;
+    session.hop_frames = info.default_hop_frames;
+    session.iterations = info.default_iterations;
+    return session;
   }
 
   static TrackerInfo MakeInfo(const EngineOptions& options, const ModelInfo& model) {
@@ -217,6 +251,8 @@ class EngineImpl final : public Engine {
   Clock& clock_;
   EngineMetrics& metrics_;
   const TrackerInfo info_;
+  WorkMeter meter_;
+  const double default_frame_work_;
   Admission admission_;
   Scheduler scheduler_;
   DecodePool pool_;  // last: its jobs notify the scheduler

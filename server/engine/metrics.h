@@ -13,7 +13,7 @@ namespace holdfast {
 enum class Stage { kDecode, kFlow, kQueue, kEncode, kRefine, kEmit };
 enum class SessionOutcome { kCompleted, kFailed, kCancelled };
 enum class FrameResult { kTracked, kRejected, kDropped };
-enum class RejectReason { kSessions, kMemory };
+enum class RejectReason { kSessions, kMemory, kWork };
 
 class EngineMetrics {
  public:
@@ -29,6 +29,9 @@ class EngineMetrics {
   virtual void SessionLag(int64_t frames) = 0;                   // received but not processed, seen at each frame
   virtual void BatchRefined(int64_t rows, int64_t iterations) = 0;
   virtual void CacheBytes(int64_t bytes) = 0;  // features held now, all sessions
+  // Point-frames a second (see WorkMeter): what there is time for, and what sessions were promised of it.
+  virtual void WorkBudget(double work) = 0;
+  virtual void WorkPromised(double work) = 0;
   // Frames of this processing size are computed in float32 though bfloat16 would be faster: 'why' says how far apart
   // the two were. Once a size.
   virtual void PrecisionFellBack(ImageSize size, absl::string_view why) = 0;
@@ -47,6 +50,8 @@ class NullEngineMetrics : public EngineMetrics {
   void SessionLag(int64_t) override {}
   void BatchRefined(int64_t, int64_t) override {}
   void CacheBytes(int64_t) override {}
+  void WorkBudget(double) override {}
+  void WorkPromised(double) override {}
   void PrecisionFellBack(ImageSize, absl::string_view) override {}
 };
 

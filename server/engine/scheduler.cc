@@ -19,8 +19,13 @@ std::vector<Session*> SessionsOf(const Batch& batch) {
 
 }  // namespace
 
-Scheduler::Scheduler(const Options& options, TrackerModel& model, Clock& clock, EngineMetrics& metrics)
-    : options_(options), model_(model), clock_(clock), metrics_(metrics), thread_([this] { Run(); }) {}
+Scheduler::Scheduler(const Options& options, const Deps& deps)
+    : options_(options),
+      model_(deps.model),
+      meter_(deps.meter),
+      clock_(deps.clock),
+      metrics_(deps.metrics),
+      thread_([this] { Run(); }) {}
 
 Scheduler::~Scheduler() {
   {
@@ -98,7 +103,9 @@ bool Scheduler::EncodeBatch() {
     }
     const SteadyTime begin = clock_.SteadyNow();
     auto features = model_.Encode(images);
-    metrics_.StageTook(Stage::kEncode, clock_.Since(begin));
+    const absl::Duration took = clock_.Since(begin);
+    metrics_.StageTook(Stage::kEncode, took);
+    meter_.Encoded(static_cast<int64_t>(images.size()) * Pixels(images.front()->size), took);
     Admit(std::move(batch), std::move(features));
   });
   return true;
@@ -119,7 +126,9 @@ bool Scheduler::RefineBatch() {
     const bool carry = batch.parts.front().session->options().carry_templates;
     const SteadyTime begin = clock_.SteadyNow();
     auto estimates = model_.Refine(batch.groups, {batch.iterations, carry});
-    metrics_.StageTook(Stage::kRefine, clock_.Since(begin));
+    const absl::Duration took = clock_.Since(begin);
+    metrics_.StageTook(Stage::kRefine, took);
+    meter_.Refined(batch.rows, batch.iterations, took);
     metrics_.BatchRefined(batch.rows, batch.iterations);
     Apply(std::move(batch), std::move(estimates));
   });

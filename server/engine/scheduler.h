@@ -14,6 +14,7 @@
 #include "server/engine/metrics.h"
 #include "server/engine/session.h"
 #include "server/engine/tracker_model.h"
+#include "server/engine/work_meter.h"
 
 namespace holdfast {
 
@@ -26,8 +27,14 @@ class Scheduler {
     int64_t max_batch_frames = 4;
     int64_t max_batch_rows = 256;
   };
-  // All references must outlive the scheduler.
-  Scheduler(const Options& options, TrackerModel& model, Clock& clock, EngineMetrics& metrics);
+  // All must outlive the scheduler.
+  struct Deps {
+    TrackerModel& model;
+    WorkMeter& meter;
+    Clock& clock;
+    EngineMetrics& metrics;
+  };
+  Scheduler(const Options& options, const Deps& deps);
   ~Scheduler();
 
   // Any thread.
@@ -56,6 +63,7 @@ class Scheduler {
 
   const Options options_;
   TrackerModel& model_;
+  WorkMeter& meter_;
   Clock& clock_;
   EngineMetrics& metrics_;
 

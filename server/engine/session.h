@@ -58,7 +58,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // The most frames that a checkpoint lies behind the newest tracked one.
   static int64_t ReplayFrames(const Options& options) { return options.max_cached_frames + options.windows.hop; }
 
-  // 'listener', 'clock' and 'metrics' must outlive the session, the listener only until OnSessionDone has returned.
+  // 'listener', 'clock' and 'metrics' must outlive the session, the listener only until OnSessionDone has returned. A
+  // session without a ticket has reserved nothing.
   Session(const Options& options, SessionListener& listener, Clock& clock, EngineMetrics& metrics, Threads threads,
           std::unique_ptr<Admission::Ticket> ticket);
   // Before anything else: goes on where the session was that 'state' was taken from. REQUIRES: CheckState is OK, and

@@ -9,7 +9,6 @@
 #include <new>
 #include <optional>
 #include <string>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -21,6 +20,7 @@
 #include "model/thread_count.h"
 #include "server/engine/precision_switch.h"
 #include "server/engine/tracks/calibration.h"
+#include "server/engine/warm_up.h"
 
 namespace holdfast {
 namespace {
@@ -158,8 +158,9 @@ class TorchTrackerModel final : public TrackerModel {
   }
 
   const ModelInfo& info() const override { return info_; }
-  // What clients are told is the precision of frames of this size. Before the model is shared.
+  // What clients are told is the precision of frames of this size. Both before the model is shared.
   void NamePrecisionAt(ImageSize size) { info_.precision = NameOf(networks_->FeatureType(size)); }
+  void SetCosts(const WorkCosts& costs) { info_.costs = costs; }
 
   int64_t FrameBytes(ImageSize size) const override {
     int64_t height = size.height / options_.stride, width = size.width / options_.stride, cells = 0;
@@ -219,32 +220,11 @@ class TorchTrackerModel final : public TrackerModel {
   ModelInfo info_;
 };
 
-// One frame and one row, on a thread of its own so that the caller's thread settings stay what they are. The libraries
-// below choose and compile their kernels here and not in the first session, and the precision of this size is chosen.
-absl::Status WarmUp(TrackerModel& model, const EngineOptions& options) {
-  absl::Status status;
-  std::thread([&] {
-    try {
-      model.PrepareThread();
-      const ImageSize size = options.processing_size;
-      const torch::Tensor picture = CheckPicture(size.height, size.width);
-      const uint8_t* pixels = picture.data_ptr<uint8_t>();
-      const RgbImage image{size, {pixels, pixels + picture.numel()}};
-      const RgbImage* images[] = {&image};
-      const Position at{1, 1};
-      const FrameFeaturesPtr features = model.Encode(images).front();
-      const std::vector<float> feature = model.Sample(*features, {&at, 1}).front();
-      const size_t frames = model.info().window_frames;
-      WindowGroup group{std::vector<FrameFeaturesPtr>(frames, features),
-                        {{std::vector<Position>(frames, at), feature}}};
-      model.Refine({&group, 1}, {options.iterations, false});
-    } catch (const std::bad_alloc&) {
-      status = absl::ResourceExhaustedError("no memory for a frame of the default processing size");
-    } catch (const std::exception& e) {
-      status = absl::InternalError(absl::StrCat("the network does not run here: ", e.what()));
-    }
-  }).join();
-  return status;
+// What the network is warmed up with.
+RgbImage PictureOf(ImageSize size) {
+  const torch::Tensor picture = CheckPicture(size.height, size.width);
+  const uint8_t* pixels = picture.data_ptr<uint8_t>();
+  return {size, {pixels, pixels + picture.numel()}};
 }
 
 absl::StatusOr<torch::Device> ParseDevice(const std::string& name) {
@@ -273,7 +253,7 @@ std::unique_ptr<PrecisionSwitch> MakeSwitch(PointModel model, Precision precisio
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel loaded, const EngineOptions& options,
-                                                                    EngineMetrics& metrics) {
+                                                                    const Clock& clock, EngineMetrics& metrics) {
   const absl::StatusOr<torch::Device> device = ParseDevice(options.device);
   if (!device.ok()) return device.status();
   ModelInfo info;
@@ -291,7 +271,9 @@ absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel 
   } catch (const std::exception&) {
     return absl::ResourceExhaustedError(absl::StrCat("the network does not fit on ", options.device));
   }
-  if (absl::Status status = WarmUp(*model, options); !status.ok()) return status;
+  const absl::StatusOr<WorkCosts> costs = WarmUp(*model, PictureOf(options.processing_size), options.iterations, clock);
+  if (!costs.ok()) return costs.status();
+  model->SetCosts(*costs);
   model->NamePrecisionAt(options.processing_size);
   return model;
 }

@@ -58,6 +58,13 @@ struct RowEstimate {
   CarriedTemplates templates;           // empty unless asked for
 };
 
+// What the network costs the thread that runs it, in seconds. Zero: unknown.
+struct WorkCosts {
+  double pixel = 0;  // to encode one pixel of the processing size
+  double batch = 0;  // of one iteration of a batch of rows, however few they are
+  double row = 0;    // of one iteration of one row more
+};
+
 struct ModelInfo {
   std::string name;
   std::string preset;
@@ -67,6 +74,7 @@ struct ModelInfo {
   std::string calibration;  // of confidence, as Calibration::FromJson takes it; empty: there is none
   int window_frames = 24;   // S
   int stride = 8;           // image pixels a feature pixel
+  WorkCosts costs;          // as they were measured when the network was warmed up
 };
 
 // A network that is ready to run. info() and FrameBytes() may be called from any thread; the others from one thread,

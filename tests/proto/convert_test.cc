@@ -235,7 +235,8 @@ TEST(ConvertTest, AcceptedSummaryAndInfoSurviveTheRoundTrip) {
   EXPECT_EQ(summary.points, 2);
   EXPECT_EQ(summary.final_samples, 3);
 
-  TrackerInfo info{"m", "p", "sha", "float32", "cpu", "0.1", {64, 32}, 24, 8, 4, true, false, true, 16, limits};
+  TrackerInfo info{"m", "p", "sha", "float32", "cpu", "0.1", {64, 32}, 24,
+                   8,   4,   true,  false,     true,  16,    limits,   {3, 70, 12.5, 100, 9}};
   const auto back = FromProto(ToProto(info));
   ASSERT_THAT(back, IsOk());
   EXPECT_EQ(back->model_name, "m");
@@ -246,6 +247,11 @@ TEST(ConvertTest, AcceptedSummaryAndInfoSurviveTheRoundTrip) {
   EXPECT_TRUE(back->calibrated_confidence);
   EXPECT_EQ(back->max_sessions, 16);
   EXPECT_EQ(back->limits.max_points, 10);
+  EXPECT_EQ(back->load.sessions, 3);
+  EXPECT_EQ(back->load.points, 70);
+  EXPECT_EQ(back->load.work_promised, 12.5);
+  EXPECT_EQ(back->load.work_budget, 100);
+  EXPECT_EQ(back->load.frame_work, 9);
 }
 
 TEST(ConvertTest, AnAcceptanceThatMakesNoSenseIsRefused) {

@@ -70,19 +70,33 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
   metrics.SessionLag(3);
   metrics.BatchRefined(64, 4);
   metrics.CacheBytes(1000);
+  metrics.AdmissionRejected(RejectReason::kWork);
+  metrics.WorkBudget(1500);
+  metrics.WorkPromised(250);
   metrics.PrecisionFellBack({320, 608}, "features differ by 1.2");
   const std::string text = metrics.Text();
-  for (const char* line :
-       {"holdfast_sessions_active 1\n", "holdfast_sessions_total{outcome=\"failed\"} 1\n",
-        "holdfast_admission_rejected_total{reason=\"memory\"} 1\n",
-        "holdfast_admission_rejected_total{reason=\"draining\"} 1\n", "holdfast_points_active 3\n",
-        "holdfast_frames_total{result=\"rejected\"} 1\n", "holdfast_stage_seconds_sum{stage=\"refine\"} 0.25\n",
-        "holdfast_stage_seconds_bucket{stage=\"refine\",le=\"0.1\"} 0\n", "holdfast_frame_latency_seconds_sum 1\n",
-        "holdfast_final_latency_seconds_sum 2\n", "holdfast_session_lag_frames_sum 3\n", "holdfast_batch_rows_sum 64\n",
-        "holdfast_refine_iterations_sum 4\n", "holdfast_cache_bytes 1000\n",
-        "holdfast_resumes_total{result=\"refused\"} 1\n", "holdfast_checkpoints_total 1\n",
-        "holdfast_checkpoint_bytes_sum 5000\n", "holdfast_checkpoint_bytes_bucket{le=\"4000\"} 0\n",
-        "holdfast_precision_fallbacks_total 1\n"}) {
+  for (const char* line : {"holdfast_sessions_active 1\n",
+                           "holdfast_sessions_total{outcome=\"failed\"} 1\n",
+                           "holdfast_admission_rejected_total{reason=\"memory\"} 1\n",
+                           "holdfast_admission_rejected_total{reason=\"draining\"} 1\n",
+                           "holdfast_points_active 3\n",
+                           "holdfast_frames_total{result=\"rejected\"} 1\n",
+                           "holdfast_stage_seconds_sum{stage=\"refine\"} 0.25\n",
+                           "holdfast_stage_seconds_bucket{stage=\"refine\",le=\"0.1\"} 0\n",
+                           "holdfast_frame_latency_seconds_sum 1\n",
+                           "holdfast_final_latency_seconds_sum 2\n",
+                           "holdfast_session_lag_frames_sum 3\n",
+                           "holdfast_batch_rows_sum 64\n",
+                           "holdfast_refine_iterations_sum 4\n",
+                           "holdfast_cache_bytes 1000\n",
+                           "holdfast_resumes_total{result=\"refused\"} 1\n",
+                           "holdfast_checkpoints_total 1\n",
+                           "holdfast_checkpoint_bytes_sum 5000\n",
+                           "holdfast_checkpoint_bytes_bucket{le=\"4000\"} 0\n",
+                           "holdfast_admission_rejected_total{reason=\"work\"} 1\n",
+                           "holdfast_work_budget 1500\n",
+                           "holdfast_work_promised 250\n",
+                           "holdfast_precision_fallbacks_total 1\n"}) {
     EXPECT_THAT(text, HasSubstr(line));
   }
 }

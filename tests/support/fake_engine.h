@@ -73,7 +73,8 @@ class FakeEngine final : public Engine {
   // Runs on the engine's thread for each frame before its results; set it before the first session.
   std::function<void(const Frame&)> on_frame;
 
-  const TrackerInfo& info() const override { return info_; }
+  TrackerInfo info() const override { return info_; }
+  const SessionLimits& limits() const override { return info_.limits; }
 
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                              SessionListener& listener) override {

@@ -47,6 +47,7 @@ class FakeTrackerModel : public TrackerModel {
   std::function<void()> before_encode = [] {};
   std::function<void(absl::Span<const WindowGroup>)> before_refine = [](absl::Span<const WindowGroup>) {};
 
+  void SetCosts(const WorkCosts& costs) { info_.costs = costs; }
   void SetCalibration(std::string json) { info_.calibration = std::move(json); }
 
   const ModelInfo& info() const override { return info_; }

@@ -195,7 +195,8 @@ class RecordingObserver final : public TrackObserver, public UpdateRecorder {
 class RecordingMetrics final : public EngineMetrics {
  public:
   struct Totals {
-    int64_t opened = 0, rejected_sessions = 0, rejected_memory = 0;
+    int64_t opened = 0;
+    std::map<RejectReason, int64_t> rejected;
     std::map<SessionOutcome, int64_t> closed;
     std::map<FrameResult, int64_t> frames;
     std::map<Stage, int64_t> stages;
@@ -204,6 +205,7 @@ class RecordingMetrics final : public EngineMetrics {
     absl::Duration shortest_stage = absl::InfiniteDuration(), longest_stage;
     std::vector<absl::Duration> first, final;
     std::vector<int64_t> lags;
+    double work_budget = 0, work_promised = 0;
     std::vector<ImageSize> fell_back;
   };
   Totals totals() const ABSL_LOCKS_EXCLUDED(mutex_) {
@@ -224,7 +226,7 @@ class RecordingMetrics final : public EngineMetrics {
     Update([=](Totals& t) { ++t.closed[outcome]; });
   }
   void AdmissionRejected(RejectReason reason) override {
-    Update([=](Totals& t) { ++(reason == RejectReason::kMemory ? t.rejected_memory : t.rejected_sessions); });
+    Update([=](Totals& t) { ++t.rejected[reason]; });
   }
   void PointsActive(int64_t delta) override {
     Update([=](Totals& t) { t.points += delta; });
@@ -260,6 +262,12 @@ class RecordingMetrics final : public EngineMetrics {
       t.cache_bytes = bytes;
       t.max_cache_bytes = std::max(t.max_cache_bytes, bytes);
     });
+  }
+  void WorkBudget(double work) override {
+    Update([=](Totals& t) { t.work_budget = work; });
+  }
+  void WorkPromised(double work) override {
+    Update([=](Totals& t) { t.work_promised = work; });
   }
   void PrecisionFellBack(ImageSize size, absl::string_view) override {
     Update([=](Totals& t) { t.fell_back.push_back(size); });

@@ -11,6 +11,8 @@
 namespace holdfast {
 namespace {
 
+constexpr double kMaxFramesPerSecond = 1000;
+
 void CheckRawSize(const SessionConfig& config, const EngineOptions& options, Violations& violations) {
   const ImageSize size = config.raw_size;
   if (!IsRaw(config.encoding)) {
@@ -71,6 +73,17 @@ void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options,
   }
 }
 
+void CheckPromise(const SessionConfig& config, const EngineOptions& options, Violations& violations) {
+  if (!(config.frames_per_second >= 0 && config.frames_per_second <= kMaxFramesPerSecond)) {  // nor is NaN
+    violations.Add("config.frames_per_second",
+                   absl::StrCat("is ", config.frames_per_second, ", expected 0 .. ", kMaxFramesPerSecond));
+  }
+  if (config.expected_points < 0 || config.expected_points > options.limits.max_points) {
+    violations.Add("config.expected_points",
+                   absl::StrCat("is ", config.expected_points, ", expected 0 .. ", options.limits.max_points));
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const EngineOptions& options,
@@ -92,6 +105,7 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   CheckProcessingSize(accepted.processing_size, options, violations);
   CheckNumbers(accepted, options, violations);
   CheckMotion(config, accepted, options, violations);
+  CheckPromise(config, options, violations);
   if (config.label.size() > kMaxLabelBytes) {
     violations.Add("config.label",
                    absl::StrCat("has ", config.label.size(), " bytes, expected at most ", kMaxLabelBytes));

@@ -7,6 +7,7 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -173,9 +174,13 @@ TEST_F(CommandLineTest, InfoPrintsTextOrJsonAndTheServerMayComeFromTheEnvironmen
   service.info.mutable_default_processing_size()->set_width(512);
   service.info.mutable_default_processing_size()->set_height(384);
   service.info.mutable_limits()->set_max_points(2048);
+  service.info.mutable_load()->set_sessions(3);
+  service.info.mutable_load()->set_work_promised(120);
+  service.info.mutable_load()->set_work_budget(900);
   EXPECT_EQ(Run({"info", "--server", service.address()}), 0);
   EXPECT_THAT(out_.str(), AllOf(HasSubstr("interim"), HasSubstr("sha256 abc123"), HasSubstr("512x384"),
-                                HasSubstr("at most 2048 points, endless")));
+                                HasSubstr("at most 2048 points, endless"),
+                                HasSubstr("3 sessions, 0 points, 120 of 900 point-frames/s promised")));
   environment_ = {{"HOLDFAST_SERVER", service.address()}, {"HOLDFAST_JSON", "true"}};
   EXPECT_EQ(Run({"info"}), 0);
   const auto json = nlohmann::json::parse(out_.str());
@@ -183,6 +188,10 @@ TEST_F(CommandLineTest, InfoPrintsTextOrJsonAndTheServerMayComeFromTheEnvironmen
   EXPECT_EQ(json["window_frames"], 24);
   EXPECT_EQ(json["default_processing_size"]["width"], 512);
   EXPECT_EQ(json["limits"]["max_points"], 2048);
+  EXPECT_EQ(json["load"]["work_budget"], 900);
+  service.info.mutable_load()->set_work_budget(std::numeric_limits<double>::infinity());
+  EXPECT_EQ(Run({"info"}), 0);
+  EXPECT_TRUE(nlohmann::json::parse(out_.str())["load"]["work_budget"].is_null()) << "it is not bounded";
 }
 
 TEST_F(CommandLineTest, AWrongVariableOfTheEnvironmentIsAWrongCall) {

@@ -16,20 +16,23 @@ namespace {
 // The formula, pixel by pixel, in double: place i of 'out' lies at i (in - 1) / (out - 1) of 'in'.
 torch::Tensor Formula(const torch::Tensor& map, int64_t height, int64_t width) {
   const torch::Tensor wide = map.to(torch::kDouble);
-  const auto axis = [](int64_t out, int64_t in) {  // the first neighbours, the second ones, the shares of these
+  struct Axis {
+    torch::Tensor first, second;  // neighbours of each output, int64
+    torch::Tensor share;          // of the second ones, float64
+  };
+  const auto axis = [](int64_t out, int64_t in) {
     const double scale = out > 1 ? static_cast<double>(in - 1) / static_cast<double>(out - 1) : 0.0;
     const torch::Tensor at = torch::arange(out, torch::kDouble) * scale;
     const torch::Tensor first = at.floor().clamp_max(static_cast<double>(in - 1));
-    return std::make_tuple(first.to(torch::kLong), (first + 1).clamp_max(in - 1).to(torch::kLong), at - first);
+    return Axis{first.to(torch::kLong), (first + 1).clamp_max(in - 1).to(torch::kLong), at - first};
   };
-  const auto [top, bottom, down] = axis(height, map.size(2));
-  const auto [left, right, along] = axis(width, map.size(3));
-  const torch::Tensor fy = down.unsqueeze(1);
+  const Axis down = axis(height, map.size(2)), along = axis(width, map.size(3));
   const auto rows = [&](const torch::Tensor& y) {
     const torch::Tensor row = wide.index_select(2, y);
-    return row.index_select(3, left) * (1 - along) + row.index_select(3, right) * along;
+    return row.index_select(3, along.first) * (1 - along.share) + row.index_select(3, along.second) * along.share;
   };
-  return rows(top) * (1 - fy) + rows(bottom) * fy;
+  const torch::Tensor fy = down.share.unsqueeze(1);
+  return rows(down.first) * (1 - fy) + rows(down.second) * fy;
 }
 
 struct Case {

@@ -107,7 +107,40 @@ TEST_F(EngineTest, RefusesASessionThatNeedsMoreThanTheMemoryBudget) {
   options_.cache_budget_bytes = 39 * FakeTrackerModel::kFrameBytes;  // 24 + 8 + 8 are needed
   RecordingListener listener;
   EXPECT_THAT(engine().OpenSession(Config(), listener), StatusIs(absl::StatusCode::kResourceExhausted));
-  EXPECT_EQ(metrics_.totals().rejected_memory, 1);
+  EXPECT_EQ(metrics_.totals().rejected[RejectReason::kMemory], 1);
+}
+
+// A point-frame takes a millisecond and a frame as much as ten of them; 800 a second may be promised.
+TEST_F(EngineTest, RefusesASessionWhoseRateCannotBeKeptAndTellsItsLoad) {
+  options_.hop_frames = 8;
+  options_.iterations = 4;
+  model_->SetCosts({/*pixel=*/10e-3 / Pixels(kFrame), /*batch=*/0, /*row=*/2e-3});
+  options_.processing_size = kFrame;
+  RecordingListener first, second;
+  SessionConfig config = Config({{1, 1, 1}});
+  config.frames_per_second = 20;
+  config.expected_points = 20;
+  auto session = Open(config, first);
+  TrackerLoad load = engine().info().load;
+  EXPECT_EQ(load.sessions, 1);
+  EXPECT_NEAR(load.frame_work, 10, 1e-9);
+  EXPECT_NEAR(load.work_budget, 800, 1e-6);
+  EXPECT_NEAR(load.work_promised, 20 * (10 + 20), 1e-6);
+  EXPECT_THAT(engine().OpenSession(config, second), StatusIs(absl::StatusCode::kResourceExhausted));
+  EXPECT_EQ(metrics_.totals().rejected[RejectReason::kWork], 1);
+  RecordingListener any_pace;
+  auto slow = Open(Config({{1, 1, 1}, {2, 2, 2}}), any_pace);  // half a frame a second is promised
+  PushFrames(*slow, any_pace, 0, 24);
+  any_pace.AwaitFinal(2, 1);
+  load = engine().info().load;
+  EXPECT_EQ(load.sessions, 2);
+  EXPECT_EQ(load.points, 2) << "the first session has no frame yet";
+  EXPECT_NEAR(load.work_promised, 606, 1e-6);
+  slow.reset();
+  session.reset();
+  EXPECT_EQ(engine().info().load.sessions, 0);
+  EXPECT_EQ(engine().info().load.points, 0);
+  EXPECT_EQ(metrics_.totals().work_promised, 0);
 }
 
 TEST_F(EngineTest, AFailureOfTheNetworkEndsOnlyTheSessionsOfItsBatch) {

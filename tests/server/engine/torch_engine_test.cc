@@ -33,7 +33,7 @@ using ::testing::SizeIs;
 std::unique_ptr<Engine> EngineOf(PointModel model, const EngineOptions& options) {
   static SimulatedClock clock;  // stands still
   static NullEngineMetrics metrics;
-  auto network = MakeTorchTrackerModel({std::move(model), "test", "00"}, options, metrics);
+  auto network = MakeTorchTrackerModel({std::move(model), "test", "00"}, options, clock, metrics);
   EXPECT_THAT(network, IsOk());
   auto engine = CreateEngineWithModel(options, *std::move(network), clock, metrics);
   EXPECT_THAT(engine, IsOk());
@@ -243,11 +243,12 @@ TEST(TorchEngineTest, AResumedSessionIsTheSameToTheBit) {
 }
 
 TEST(TorchTrackerModelTest, KnowsTheBytesOfAFrameBeforehandAndFreesThemOneByOne) {
+  const SimulatedClock clock;
   NullEngineMetrics metrics;
   for (const Precision precision : {Precision::kFloat32, Precision::kBFloat16}) {
     EngineOptions options = Exact({64, 64});
     options.precision = precision;
-    auto model = *MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, metrics);
+    auto model = *MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, clock, metrics);
     for (const ImageSize size : {ImageSize{32, 32}, ImageSize{96, 64}, ImageSize{224, 160}}) {
       const RgbImage image{size, std::vector<uint8_t>(size_t{3} * size.width * size.height)};
       const RgbImage* images[] = {&image, &image, &image};
@@ -273,8 +274,9 @@ TEST(TorchTrackerModelTest, TracksAtTheSmallestSize) {
   setenv("ONEDNN_MAX_CPU_ISA", instruction_set, 1);
   EngineOptions options = Exact({64, 64});
   options.precision = Precision::kAuto;
+  const SimulatedClock clock;
   NullEngineMetrics metrics;
-  const auto model = MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, metrics);
+  const auto model = MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, clock, metrics);
   std::_Exit(model.ok() && (*model)->info().precision == "float32" ? 10 : 11);
 }
 
@@ -284,19 +286,33 @@ TEST(TorchTrackerModelDeathTest, ChoosesFloat32WhereOneDnnMayNotUseTheProcessors
   EXPECT_EXIT(ExitWithFloat32Chosen("AVX2"), testing::ExitedWithCode(10), "");
 }
 
+TEST(TorchTrackerModelTest, KnowsWhatTheNetworkCosts) {
+  const SystemClock clock;
+  NullEngineMetrics metrics;
+  const WorkCosts costs =
+      (*MakeTorchTrackerModel({RandomModel(), "test", "00"}, Exact({64, 64}), clock, metrics))->info().costs;
+  EXPECT_GT(costs.pixel, 0);
+  EXPECT_GT(costs.row, 0);
+  EXPECT_GE(costs.batch, 0);
+}
+
 TEST(TorchTrackerModelTest, RefusesADeviceThatIsNotThere) {
   EngineOptions options = Exact({64, 64});
   options.device = "abacus";
+  const SimulatedClock clock;
   NullEngineMetrics metrics;
-  EXPECT_THAT(MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, metrics),
+  EXPECT_THAT(MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, clock, metrics),
               StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
 TEST(TorchTrackerModelTest, HasTheCalibrationOfItsCheckpoint) {
+  const SimulatedClock clock;
   NullEngineMetrics metrics;
   LoadedModel calibrated{RandomModel(), "test", "00", {{Calibration::kMetadataKey, "as it was"}, {"note", "x"}}};
-  EXPECT_EQ((*MakeTorchTrackerModel(std::move(calibrated), Exact({64, 64}), metrics))->info().calibration, "as it was");
-  EXPECT_EQ((*MakeTorchTrackerModel({RandomModel(), "test", "00"}, Exact({64, 64}), metrics))->info().calibration, "");
+  EXPECT_EQ((*MakeTorchTrackerModel(std::move(calibrated), Exact({64, 64}), clock, metrics))->info().calibration,
+            "as it was");
+  EXPECT_EQ(
+      (*MakeTorchTrackerModel({RandomModel(), "test", "00"}, Exact({64, 64}), clock, metrics))->info().calibration, "");
 }
 
 TEST(EngineTest, RefusesWeightsWithABadCalibration) {

@@ -60,6 +60,11 @@ TEST(SessionConfigTest, NamesAFieldThatIsWrongAlone) {
   EXPECT_THAT(fields_of([](auto& c) { c.processing_size = {500, 384}; }), ElementsAre("config.processing_size"));
   EXPECT_THAT(fields_of([](auto& c) { c.processing_size = {512, 0}; }), ElementsAre("config.processing_size"));
   EXPECT_THAT(fields_of([](auto& c) { c.label = std::string(129, 'x'); }), ElementsAre("config.label"));
+  for (const double rate : {-1.0, std::nan(""), 1001.0, std::numeric_limits<double>::infinity()}) {
+    EXPECT_THAT(fields_of([rate](auto& c) { c.frames_per_second = rate; }), ElementsAre("config.frames_per_second"));
+  }
+  EXPECT_THAT(fields_of([](auto& c) { c.expected_points = -1; }), ElementsAre("config.expected_points"));
+  EXPECT_THAT(fields_of([](auto& c) { c.expected_points = 2049; }), ElementsAre("config.expected_points"));
   EXPECT_THAT(fields_of([](auto& c) { c.points[1].x = std::nanf(""); }), ElementsAre("config.points[1].x"));
   EXPECT_THAT(fields_of([](auto& c) { c.points[0].y = std::numeric_limits<float>::infinity(); }),
               ElementsAre("config.points[0].y"));

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+// How a session ends on one server and goes on at another.
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "api/errors.h"
+#include "server/engine/session.h"
+#include "server/engine/status_of.h"
+
+namespace holdfast {
+
+void Session::Resume(SessionState state) {
+  taken_frame_ = checkpoint_frame_ = state.taken_frame;
+  summary_ = state.summary;
+  frames_processed_ = summary_.frames;
+  latency_.StartAt(state.next_frame, state.taken_frame + 1);
+  capture_times_.StartAt(state.next_frame);
+  tracks_.SetGeometry(geometry());
+  tracks_.StartAt(state.next_frame);
+  if (flow_ != nullptr) {
+    SetFlowGeometry();
+    flow_->StartAt(state.next_frame);
+  }
+  for (SessionState::Track& saved : state.tracks) {
+    const PointTrack& track = tracks_.Restore(std::move(saved.state));
+    if (flow_ != nullptr) RestoreFlow(track, std::move(saved.patch));
+  }
+  CountPoints(0);
+}
+
+void Session::RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patch) {
+  const PointSeed& seed = track.seed();
+  const TrackState::Ending ending = track.ending_at();
+  flow_->Restore({{PointOp::Kind::kSeed, seed.frame, seed.query, seed.serial},
+                  track.ending(),
+                  ending.last_frame,
+                  ending.stop,
+                  std::move(patch)});
+  if (track.estimated_before() > seed.frame + 1) flow_->Rebase({BaseOf(track, /*early=*/!track.began())});
+}
+
+SessionState Session::State() const {
+  SessionState state;
+  const SessionAccepted& accepted = options_.accepted;
+  state.weights_sha256 = options_.weights_sha256;
+  state.encoding = options_.inbox.format.encoding;
+  state.frame_size = inbox_.frame_size();
+  state.processing_size = accepted.processing_size;
+  state.hop_frames = accepted.hop_frames;
+  state.iterations = accepted.iterations;
+  state.motion_prior = accepted.motion_prior;
+  state.polish = accepted.polish;
+  const FeatureCache& cache = tracks_.cache();
+  state.taken_frame = std::max(cache.newest(), taken_frame_);
+  state.next_frame = flow_ == nullptr ? cache.oldest() : std::min(cache.oldest(), tracks_.oldest_for_polish());
+  state.next_serial = inbox_.next_serial();
+  state.summary = summary_;
+  if (newest_seeds_.frame == state.taken_frame) state.summary.points -= newest_seeds_.count;
+  for (const auto& track : tracks_.all()) {
+    if (track->seed().frame == state.taken_frame) continue;
+    SessionState::Track& saved = state.tracks.emplace_back();
+    saved.state = track->state();
+    if (saved.state.ending && saved.state.ending->last_frame == state.taken_frame) saved.state.ending.reset();
+    if (flow_ == nullptr) continue;
+    if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = *patch;
+  }
+  return state;
+}
+
+void Session::StartCheckpoint() {
+  const int64_t interval = options_.accepted.checkpoint_interval_frames;
+  const int64_t newest = tracks_.cache().newest();
+  if (interval == 0 || newest < std::max<int64_t>(checkpoint_frame_ + interval, 1) || outgrown_ || sealing_) return;
+  checkpoint_frame_ = newest;
+  sealing_ = true;
+  threads_.submit([self = shared_from_this(), state = std::make_shared<SessionState>(State())] {
+    self->SendCheckpoint(*state);
+    self->sealing_ = false;
+    self->threads_.notify();
+  });
+}
+
+void Session::SendCheckpoint(const SessionState& state) {
+  Checkpoint checkpoint;
+  checkpoint.next_frame = state.next_frame;
+  absl::Status sealed;
+  const auto seal = [&] {
+    absl::StatusOr<std::string> token = options_.sealer->Seal(state);
+    sealed = token.status();
+    if (token.ok()) checkpoint.token = *std::move(token);
+  };
+  sealed.Update(StatusOf(seal, "a checkpoint could not be made"));
+  outgrown_ = !sealed.ok();
+  checkpoint.resumable = sealed.ok() && options_.sealer->outlives_process();
+  absl::MutexLock lock(&emit_mutex_);
+  if (told_done_ || state.taken_frame < checkpoint_sent_) return;
+  checkpoint_sent_ = state.taken_frame;
+  if (!sealed.ok()) listener_.OnWarning(sealed);
+  listener_.OnCheckpoint(std::move(checkpoint));
+}
+
+void Session::Suspend() {
+  if (options_.sealer != nullptr && tracks_.cache().newest() >= 1 && !outgrown_) SendCheckpoint(State());
+  Close(inbox_.end_status());
+}
+
+absl::Status Session::EndedTooEarly() const {
+  const absl::Status status = inbox_.end_status();
+  if (!status.ok()) return status;
+  return InvalidFieldError("frame.index",
+                           absl::StrCat("the stream ended after frame ", tracks_.cache().newest(),
+                                        ", but the session that it resumes has come to frame ", taken_frame_));
+}
+
+}  // namespace holdfast
