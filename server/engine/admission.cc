@@ -54,7 +54,7 @@ absl::Status Admission::CheckWork(const Demand& demand) {
   return OverloadError(
       "point-frames per second",
       absl::StrFormat("the session needs %.0f, and %.0f of %.0f are promised to others", wanted, load_.work, budget),
-      wanted > meter_.QuietBudget() ? absl::ZeroDuration() : kRetryAfter);
+      wanted > std::max(budget, meter_.QuietBudget()) ? absl::ZeroDuration() : kRetryAfter);
 }
 
 Admission::Load Admission::load() const {
