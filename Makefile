@@ -12,7 +12,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps configure build test demo bench train-small format lint sanitize clean
+.PHONY: help deps tools configure build test demo bench train-small format lint sanitize clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -24,13 +24,16 @@ deps: ## install the Debian packages of deploy/packages/build.txt that are missi
 	  DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get -o DPkg::Lock::Timeout=300 install -y -qq --no-install-recommends $$missing > /dev/null; \
 	fi
 
+tools: ## unpack into build/tools what the tests of deploy/ run, from the packages of deploy/packages/tools.txt
+	@deploy/packages/unpack.sh build/tools
+
 configure: deps
 	@cmake --preset $(PRESET) > /dev/null
 
 build: configure ## build everything (PRESET=release|asan|asan-core|tsan|clang)
 	cmake --build $(BUILD) -j $(JOBS)
 
-test: build ## build and run every test; those of model and engine once more under AddressSanitizer
+test: build tools ## build and run every test; those of model and engine once more under AddressSanitizer
 	ctest --preset $(PRESET) -j $(JOBS)
 ifeq ($(PRESET),release)
 	cmake --preset asan-core > /dev/null
