@@ -20,7 +20,7 @@ import unittest
 import jsonschema
 import yaml
 
-from alerts_test import exported_names, names_in
+from alerts_test import alerts, exported_names, names_in
 from kustomize import documents, read_yaml, render
 from tools import DEPLOY, SOURCE, tool
 
@@ -317,6 +317,14 @@ class ManifestsTest(unittest.TestCase):
             done = subprocess.run([tool("promtool"), "check", "rules", file.name], capture_output=True, text=True,
                                   check=False)
         self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_the_alert_about_memory_knows_the_limit(self):
+        alert = next(rule for rule in alerts() if rule["alert"] == "HoldfastMemoryHigh")
+        gibibytes = re.search(r"> 0\.9 \* (\d+) \* 1024 \^ 3$", alert["expr"])[1]
+        server = pod_templates(next(item for item in rendered("base") if item["kind"] == "Deployment"))[0]
+        self.assertEqual(server["spec"]["containers"][0]["resources"]["limits"]["memory"], f"{gibibytes}Gi")
+        compose = read_yaml(DEPLOY / "compose.yaml")["services"]["server"]
+        self.assertEqual(compose["deploy"]["resources"]["limits"]["memory"], f"{gibibytes}g")
 
     def test_compose_gives_the_server_time_to_end(self):
         server = read_yaml(DEPLOY / "compose.yaml")["services"]["server"]

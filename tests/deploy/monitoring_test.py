@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Prometheus that scrapes real programs at work finds what the dashboard, the rules and the alerts ask for.
+"""A Prometheus that scrapes real programs at work finds what dashboard, rules, alerts and autoscalers ask for.
 
 A server tracks a video and bears more clients than it may take; a trainer trains. The test asks Prometheus for each
 query of each panel, variable and annotation, again and again, until each has shown something or the time is up.
@@ -19,6 +19,7 @@ import unittest
 import urllib.request
 
 from dashboard import load_dashboard, queries
+from kustomize import read_yaml
 from prometheus_process import PrometheusProcess
 from tools import DEPLOY, SOURCE, tool
 
@@ -189,6 +190,13 @@ class MonitoringTest(unittest.TestCase):
         # Refusals are provoked here, but the alert waits for longer than this test takes.
         firing = [rule for rule in self.rules("alert") if rule["state"] == "firing"]
         self.assertEqual([rule["name"] for rule in firing if rule["labels"]["severity"] != "info"], [])
+
+    def test_autoscalers_get_one_number_for_each_question(self):
+        scaled = read_yaml(DEPLOY / "kubernetes" / "components" / "keda" / "scaled-object.yaml")
+        for trigger in scaled["spec"]["triggers"]:
+            found = self.prometheus.get("query", query=trigger["metadata"]["query"])["result"]
+            self.assertEqual(len(found), 1, trigger["name"])
+            self.assertTrue(math.isfinite(float(found[0]["value"][1])), trigger["name"])
 
     def test_promtool_finds_nothing_wrong_with_the_metrics(self):
         for job, addresses in self.targets.items():
