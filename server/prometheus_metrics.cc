@@ -56,6 +56,10 @@ const char* Name(SessionOutcome outcome) {
       return "completed";
     case SessionOutcome::kFailed:
       return "failed";
+    case SessionOutcome::kClientError:
+      return "client_error";
+    case SessionOutcome::kSuspended:
+      return "suspended";
     case SessionOutcome::kCancelled:
       return "cancelled";
   }
@@ -178,7 +182,8 @@ struct PrometheusMetrics::Impl {
 PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
     : impl_(std::make_unique<Impl>()), log_(std::move(log)) {
   Impl::Prepare(impl_->sessions, "outcome",
-                {SessionOutcome::kCompleted, SessionOutcome::kFailed, SessionOutcome::kCancelled});
+                {SessionOutcome::kCompleted, SessionOutcome::kFailed, SessionOutcome::kClientError,
+                 SessionOutcome::kCancelled, SessionOutcome::kSuspended});
   Impl::Prepare(impl_->frames, "result", {FrameResult::kTracked, FrameResult::kRejected, FrameResult::kDropped});
   Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory, RejectReason::kWork});
   Impl::Prepare(impl_->rejected, "reason",

@@ -11,7 +11,13 @@
 namespace holdfast {
 
 enum class Stage { kDecode, kFlow, kQueue, kEncode, kRefine, kEmit };
-enum class SessionOutcome { kCompleted, kFailed, kCancelled };
+enum class SessionOutcome {
+  kCompleted,
+  kFailed,       // by a fault of the server
+  kClientError,  // by what the client sent, or did not send
+  kCancelled,    // the client went away
+  kSuspended,    // by a planned end; who resumes it begins another session
+};
 enum class FrameResult { kTracked, kRejected, kDropped };
 enum class RejectReason { kSessions, kMemory, kWork };
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "api/errors.h"
 #include "server/engine/status_of.h"
 
 namespace holdfast {
@@ -24,6 +25,22 @@ std::unique_ptr<SessionFlow> MakeFlow(const Session::Options& options) {
   flow.window_frames = options.windows.frames;
   flow.visible_above = options.confidence.visible_above();
   return std::make_unique<SessionFlow>(flow);
+}
+
+SessionOutcome OutcomeOf(const absl::Status& status, bool suspended) {
+  if (suspended && !status.ok()) return SessionOutcome::kSuspended;
+  switch (status.code()) {
+    case absl::StatusCode::kOk:
+      return SessionOutcome::kCompleted;
+    case absl::StatusCode::kCancelled:
+      return SessionOutcome::kCancelled;
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kFailedPrecondition:
+    case absl::StatusCode::kDeadlineExceeded:
+      return SessionOutcome::kClientError;
+    default:  // a limit of the session, or memory that the machine does not have
+      return OverloadDetails(status) ? SessionOutcome::kClientError : SessionOutcome::kFailed;
+  }
 }
 
 }  // namespace
@@ -383,9 +400,7 @@ void Session::Close(const absl::Status& status) {
   if (flow_ != nullptr) flow_->Close();
   for (int64_t dropped = inbox_.TakeDropped(); dropped > 0; --dropped) metrics_.FrameDone(FrameResult::kDropped);
   CountPoints(tracks_.Clear());
-  metrics_.SessionClosed(status.ok()                 ? SessionOutcome::kCompleted
-                         : absl::IsCancelled(status) ? SessionOutcome::kCancelled
-                                                     : SessionOutcome::kFailed);
+  metrics_.SessionClosed(OutcomeOf(status, inbox_.suspended()));
   ticket_.reset();  // before OnSessionDone: who hears of the end may come back at once
   {
     absl::MutexLock lock(&emit_mutex_);

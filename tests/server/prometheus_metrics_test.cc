@@ -57,6 +57,8 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
   metrics.SessionOpened();
   metrics.SessionOpened();
   metrics.SessionClosed(SessionOutcome::kFailed);
+  metrics.SessionClosed(SessionOutcome::kSuspended);
+  metrics.SessionOpened();
   metrics.AdmissionRejected(RejectReason::kMemory);
   metrics.StreamRefused(RefusalReason::kDraining);
   metrics.SessionResumed(ResumeResult::kRefused);
@@ -77,6 +79,8 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
   const std::string text = metrics.Text();
   for (const char* line : {"holdfast_sessions_active 1\n",
                            "holdfast_sessions_total{outcome=\"failed\"} 1\n",
+                           "holdfast_sessions_total{outcome=\"suspended\"} 1\n",
+                           "holdfast_sessions_total{outcome=\"client_error\"} 0\n",
                            "holdfast_admission_rejected_total{reason=\"memory\"} 1\n",
                            "holdfast_admission_rejected_total{reason=\"draining\"} 1\n",
                            "holdfast_points_active 3\n",

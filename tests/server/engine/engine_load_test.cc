@@ -156,6 +156,7 @@ TEST_F(EngineTest, AFailureOfTheNetworkEndsOnlyTheSessionsOfItsBatch) {
   const absl::Status status = unlucky.AwaitDone();
   EXPECT_THAT(status, StatusIs(absl::StatusCode::kInternal));
   EXPECT_THAT(std::string(status.message()), ::testing::Not(HasSubstr("secret")));
+  EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kFailed], 1);
   PushFrames(*second, lucky, 0, 30);
   second->Finish();
   EXPECT_THAT(lucky.AwaitDone(), IsOk());

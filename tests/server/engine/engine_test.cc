@@ -132,7 +132,7 @@ TEST_F(EngineTest, ABadFrameKeepsTheResultsOfTheFramesBeforeIt) {
   EXPECT_THAT(listener.Final(1), SizeIs(30));
   EXPECT_EQ(session->PushFrame({31, Jpeg()}).status(), status);
   EXPECT_EQ(metrics_.totals().frames[FrameResult::kRejected], 1);
-  EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kFailed], 1);
+  EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kClientError], 1);
 }
 
 TEST_F(EngineTest, FailingTracksWhatCameBeforeToTheEnd) {

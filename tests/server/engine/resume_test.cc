@@ -319,6 +319,7 @@ TEST_F(ResumeTest, SuspendingBeforeThereIsAnythingToKeepGivesNoCheckpoint) {
   session->Suspend(absl::UnavailableError("going away"));
   EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
   EXPECT_THAT(listener.checkpoints(), IsEmpty());
+  EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kSuspended], 1);
   EXPECT_THAT(session->PushFrame(Script::At(0)), StatusIs(absl::StatusCode::kUnavailable));
 }
 
@@ -340,6 +341,7 @@ TEST_F(ResumeTest, SuspendingWhileItFinishesLosesNothing) {
     Merge(FinalsOf(second), tracks);
   }
   EXPECT_EQ(Difference(tracks, expected), "");
+  EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kCompleted], 2) << "the uninterrupted one, and one of these";
 }
 
 TEST_F(ResumeTest, WithoutASealerThereIsNoCheckpoint) {
