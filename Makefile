@@ -12,7 +12,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps tools configure build test demo bench train-small format lint sanitize clean
+.PHONY: help deps tools configure build test demo bench train-small format lint sanitize fuzz clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -62,6 +62,9 @@ lint: ## check format, clang's thread-safety analysis and clang-tidy over the wh
 
 sanitize: ## run every test under AddressSanitizer with UndefinedBehaviorSanitizer, then under ThreadSanitizer
 	JOBS=$(JOBS) .ci/sanitize
+
+fuzz: ## run each fuzz target with libFuzzer for SECONDS=300
+	JOBS=$(JOBS) .ci/fuzz $(or $(SECONDS),300)
 
 clean: ## remove build and out
 	rm -rf build out

@@ -17,7 +17,7 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-NOT_COMPILED = ("tests/support/tsan_libraries.cc",)  # for ThreadSanitizer's build alone
+NOT_COMPILED = ("tests/support/tsan_libraries.cc", "tests/fuzz/fuzz_program.cc")  # for sanitizers' builds alone
 
 
 def output_of(*command):
