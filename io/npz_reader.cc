@@ -15,6 +15,8 @@ namespace holdfast {
 namespace {
 
 constexpr int64_t kMaxReadValues = int64_t{1} << 29;  // of the rows of one call
+// What memory is taken for before the file has shown that it holds so many: its sizes are only what it says of itself.
+constexpr int64_t kPieceValues = int64_t{1} << 20;
 
 absl::Status Damaged(absl::string_view what) { return absl::DataLossError(absl::StrCat("not a valid array: ", what)); }
 
@@ -101,19 +103,29 @@ absl::Status CheckRows(const std::vector<int64_t>& rows, const NpyHeader& header
   return absl::OkStatus();
 }
 
+// Appends the next 'count' values.
+bool ReadValues(zip_file_t* file, const NpyHeader& header, int64_t count, std::vector<float>& values) {
+  const Converter convert = ConverterOf(header);
+  std::string piece(static_cast<size_t>(std::min(count, kPieceValues) * header.item_bytes), '\0');
+  while (count > 0) {
+    const int64_t taken = std::min(count, kPieceValues);
+    if (!ReadFully(file, piece.data(), static_cast<size_t>(taken * header.item_bytes))) return false;
+    for (int64_t i = 0; i < taken; ++i) values.push_back(convert(piece.data() + i * header.item_bytes));
+    count -= taken;
+  }
+  return true;
+}
+
 // Unpacks 'rows' from 'file', which is at its beginning.
 absl::Status StreamRows(zip_file_t* file, const NpyHeader& header, size_t header_bytes,
                         const std::vector<int64_t>& rows, int64_t row_values, std::vector<float>& values) {
   const size_t row_bytes = static_cast<size_t>(row_values * header.item_bytes);
-  const Converter convert = ConverterOf(header);
-  std::string row(row_bytes, '\0');
   if (!Skip(file, header_bytes)) return Damaged("its packed bytes are damaged");
   int64_t next = 0;
   for (const int64_t wanted : rows) {
-    if (!Skip(file, static_cast<size_t>(wanted - next) * row_bytes) || !ReadFully(file, row.data(), row_bytes)) {
+    if (!Skip(file, static_cast<size_t>(wanted - next) * row_bytes) || !ReadValues(file, header, row_values, values)) {
       return Damaged("its packed bytes are damaged");
     }
-    for (int64_t i = 0; i < row_values; ++i) values.push_back(convert(row.data() + i * header.item_bytes));
     next = wanted + 1;
   }
   return absl::OkStatus();
@@ -176,7 +188,7 @@ absl::StatusOr<NpyRows> NpzFile::ReadRows(absl::string_view name, const std::vec
   if (file == nullptr) file.reset(zip_fopen(archive->get(), std::string(name).c_str(), 0));
   if (file == nullptr) return failed(Damaged("it cannot be opened"));
   NpyRows result{header.shape, {}};
-  result.values.reserve(rows.size() * static_cast<size_t>(row_values));
+  result.values.reserve(static_cast<size_t>(std::min(static_cast<int64_t>(rows.size()) * row_values, kPieceValues)));
   const absl::Status status = StreamRows(file.get(), header, entry->header_bytes, rows, row_values, result.values);
   if (!status.ok()) return failed(status);
   return result;

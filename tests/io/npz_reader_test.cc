@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstring>
 #include <fstream>
 #include <iterator>
 
@@ -104,6 +105,17 @@ TEST_F(NpzTest, ReadsTheRowsAskedFor) {
   EXPECT_THAT(npz->ReadRows("d", {0, 1})->values, ElementsAre(-7, 8));
 }
 
+TEST_F(NpzTest, ReadsALongRowToItsEnd) {
+  constexpr int64_t kLong = (int64_t{2} << 20) + 3;  // more than is read at once
+  std::vector<uint8_t> values(2 * kLong);
+  for (size_t i = 0; i < values.size(); ++i) values[i] = static_cast<uint8_t>(i % 251);
+  const absl::StatusOr<NpzFile> npz = NpzFile::Open(Write({{"a", NpyBytes<uint8_t>("|u1", {2, kLong}, values)}}));
+  ASSERT_THAT(npz, IsOk());
+  const absl::StatusOr<NpyRows> rows = npz->ReadRows("a", {1});
+  ASSERT_THAT(rows, IsOk());
+  EXPECT_EQ(rows->values, std::vector<float>(values.begin() + kLong, values.end()));
+}
+
 TEST_F(NpzTest, ArraysOfOtherKindsDoNotHinderTheReadableOnes) {
   const std::string path =
       Write({{"name", NpyBytes<int32_t>("<U1", {1}, {65})}, {"a", NpyBytes<float>("<f4", {1}, {4})}});
@@ -124,6 +136,21 @@ TEST_F(NpzTest, RowsThatAreNotThereAreErrors) {
 TEST_F(NpzTest, AShapeThatPromisesMoreThanTheFileHasIsDamage) {
   const std::string path = Write({{"a", NpyBytes<float>("<f4", {1000000, 1000}, {1, 2, 3})}});
   EXPECT_THAT(NpzFile::Open(path), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("'a'")));
+}
+
+// Here the directory of the archive agrees with the shape, and both promise a gigabyte to a file of some hundred bytes.
+TEST_F(NpzTest, ASizeThatTheFileDoesNotHoldIsDamage) {
+  constexpr uint32_t kValues = 1 << 27;
+  const std::string header = NpyBytes<double>("<f8", {1, kValues}, {});
+  std::string bytes = ReadBytes(Write({{"a", header + std::string(1 << 16, '\0')}}));
+  const uint32_t lie = static_cast<uint32_t>(header.size()) + kValues * 8;
+  std::memcpy(&bytes[bytes.find("PK\x03\x04") + 22], &lie, sizeof(lie));
+  std::memcpy(&bytes[bytes.find("PK\x01\x02") + 24], &lie, sizeof(lie));
+  const std::string path = directory_.File("lie.npz");
+  std::ofstream(path, std::ios::binary) << bytes;
+  const absl::StatusOr<NpzFile> npz = NpzFile::Open(path);
+  ASSERT_THAT(npz, IsOk());
+  EXPECT_THAT(npz->ReadRows("a", {0}), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("damaged")));
 }
 
 TEST_F(NpzTest, AMissingFileAndAFileThatIsNoArchiveAreErrorsWithThePath) {
