@@ -16,6 +16,7 @@ namespace v1 = checkpoint::v1;
 
 constexpr uint32_t kMaxNumber = 1 << 20;         // of sides, hops and iterations
 constexpr int64_t kMaxFrame = int64_t{1} << 60;  // far from where sums of frames would overflow
+constexpr int64_t kMaxCount = int64_t{1} << 60;  // of what a session counts on from, likewise
 constexpr size_t kMaxChecksumBytes = 128;        // of the weights
 constexpr absl::string_view kFine = "";          // what is wrong: nothing
 
@@ -192,9 +193,10 @@ absl::string_view FaultOfOptions(const v1::SessionState& message) {
 absl::string_view FaultOfCounts(const v1::SessionState& message) {
   if (message.next_frame() < 0 || message.next_frame() > kMaxFrame) return "the next frame is out of range";
   if (message.taken_frame() < -1 || message.taken_frame() > kMaxFrame) return "the frame taken is out of range";
-  if (std::min({message.summary_frames(), message.summary_points(), message.summary_final_samples()}) < 0) {
-    return "the summary is negative";
+  for (const int64_t count : {message.summary_frames(), message.summary_points(), message.summary_final_samples()}) {
+    if (count < 0 || count > kMaxCount) return "the summary is out of range";
   }
+  if (message.next_serial() > uint64_t{kMaxCount}) return "the next serial is out of range";
   return kFine;
 }
 
