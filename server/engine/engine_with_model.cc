@@ -189,7 +189,7 @@ class EngineImpl final : public Engine {
       options.accepted.checkpoint_interval_frames = 0;
     }
     if (!state) return absl::OkStatus();
-    if (absl::Status status = CheckState(*state, options.windows); !status.ok()) return status;
+    if (absl::Status status = CheckState(*state, options.windows, model_->info().channels); !status.ok()) return status;
     options.inbox.resumed = ResumedInbox(*state);
     const int64_t points = static_cast<int64_t>(options.inbox.resumed->ids.size());
     return CheckPointCount(points, options_.limits.max_points);

@@ -61,7 +61,7 @@ bool FramesArePossible(const TrackState& track, const WindowOptions& windows) {
 bool IsPossible(const TrackState& track, const WindowOptions& windows, const SessionState& state) {
   if (!FramesArePossible(track, windows)) return false;
   if (track.covered > state.taken_frame || track.next_start < state.next_frame) return false;
-  if (track.seed.serial >= state.next_serial || track.seed.feature.empty()) return false;
+  if (track.seed.serial >= state.next_serial) return false;
   if (state.polish && track.reportable_before - 1 < state.next_frame) return false;
   return !track.ending ||
          (track.ending->last_frame <= state.taken_frame && track.ending->last_frame >= track.seed.frame);
@@ -91,7 +91,7 @@ absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const S
   return resumed;
 }
 
-absl::Status CheckState(const SessionState& state, const WindowOptions& windows) {
+absl::Status CheckState(const SessionState& state, const WindowOptions& windows, int channels) {
   if (state.frame_size.width < 1 || state.frame_size.height < 1) return Impossible("it has no size of frames");
   if (state.next_frame < 0 || state.taken_frame < state.next_frame) return Impossible("its frames are in disorder");
   if (windows.revise_last) return Impossible("this server's chaining of windows has no checkpoints");
@@ -100,8 +100,8 @@ absl::Status CheckState(const SessionState& state, const WindowOptions& windows)
   for (const SessionState::Track& track : state.tracks) {
     const PointSeed& seed = track.state.seed;
     const bool unique = serials.insert(seed.serial).second && (track.state.ending || live.insert(seed.query.id).second);
-    const bool alike = seed.feature.size() == state.tracks.front().state.seed.feature.size();
-    if (!unique || !alike || !IsPossible(track.state, windows, state)) {
+    const bool fits = seed.feature.size() == static_cast<size_t>(channels);
+    if (!unique || !fits || !IsPossible(track.state, windows, state)) {
       return Impossible(absl::StrCat("its track of point ", seed.query.id, " is impossible"));
     }
   }

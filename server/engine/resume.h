@@ -18,9 +18,10 @@ namespace holdfast {
 absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const SessionState& state,
                                             const ModelInfo& model);
 
-// Whether tracks of these windows can go on from the state; FAILED_PRECONDITION says what is impossible about it. What
-// a sealer has sealed is always possible: this keeps a leaked key from being a way into the process's memory.
-absl::Status CheckState(const SessionState& state, const WindowOptions& windows);
+// Whether tracks of these windows, and of templates of so many channels, can go on from the state; FAILED_PRECONDITION
+// says what is impossible about it. What a sealer has sealed is always possible: this keeps a leaked key from being a
+// way into the process's memory.
+absl::Status CheckState(const SessionState& state, const WindowOptions& windows, int channels);
 
 SessionInbox::Options::Resumed ResumedInbox(const SessionState& state);
 

@@ -155,6 +155,7 @@ class TorchTrackerModel final : public TrackerModel {
     info_.device = device.str();
     info_.window_frames = static_cast<int>(options.window);
     info_.stride = static_cast<int>(options.stride);
+    info_.channels = static_cast<int>(options.feature_channels);
   }
 
   const ModelInfo& info() const override { return info_; }

@@ -74,6 +74,7 @@ struct ModelInfo {
   std::string calibration;  // of confidence, as Calibration::FromJson takes it; empty: there is none
   int window_frames = 24;   // S
   int stride = 8;           // image pixels a feature pixel
+  int channels = 0;         // C: values of a template, as Sample gives and Refine takes them
   WorkCosts costs;          // as they were measured when the network was warmed up
 };
 

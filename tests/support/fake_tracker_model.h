@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <atomic>
 #include <cstdint>
 #include <functional>
@@ -29,6 +31,7 @@ class FakeTrackerModel : public TrackerModel {
   };
 
   static constexpr int64_t kFrameBytes = 1000;
+  static constexpr size_t kChannels = 2;  // of a template
 
   explicit FakeTrackerModel(int window_frames = 24) : counts_(std::make_shared<Counts>()) {
     info_.name = "fake";
@@ -36,6 +39,7 @@ class FakeTrackerModel : public TrackerModel {
     info_.precision = "float32";
     info_.device = "cpu";
     info_.window_frames = window_frames;
+    info_.channels = static_cast<int>(kChannels);
   }
 
   // Outlives the model, for tests that hand the model over.
@@ -97,6 +101,7 @@ class FakeTrackerModel : public TrackerModel {
   };
 
   RowEstimate Move(const WindowRow& row, const RefineOptions& options) const {
+    EXPECT_EQ(row.feature.size(), kChannels) << "a template that Sample would not give";
     RowEstimate estimate;
     estimate.positions = row.start;
     for (size_t t = 1; t < row.start.size(); ++t) {

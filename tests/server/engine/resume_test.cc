@@ -465,6 +465,13 @@ TEST_F(MismatchTest, ImpossibleStatesAreRefused) {
       [](SessionState& s) { s.tracks.push_back(s.tracks[0]); },
       [](SessionState& s) { s.tracks[0].state.seed.feature.clear(); },
       [](SessionState& s) { s.tracks[0].state.seed.feature.push_back(1); },
+      // All templates alike, but of another length than those that the network samples.
+      [](SessionState& s) {
+        for (SessionState::Track& track : s.tracks) track.state.seed.feature.push_back(1);
+      },
+      [](SessionState& s) {
+        for (SessionState::Track& track : s.tracks) track.state.seed.feature.pop_back();
+      },
       [](SessionState& s) { s.tracks[0].state.seed.frame = -5; },
       [](SessionState& s) { s.tracks[0].state.covered = kFar; },
       [](SessionState& s) { ++s.tracks[0].state.covered; },
