@@ -13,7 +13,8 @@ namespace {
 using internal::SizeFromProto;
 using internal::SizeToProto;
 
-constexpr uint32_t kMaxFrames = 1 << 20;  // of a window, or to be kept
+constexpr uint32_t kMaxFrames = 1 << 20;         // of a window, or to be kept
+constexpr int64_t kMaxFrame = int64_t{1} << 60;  // far from where the end of a run would overflow
 
 void LimitsToProto(const SessionLimits& limits, v1::SessionLimits* out) {
   out->set_max_points(limits.max_points);
@@ -39,8 +40,8 @@ void RunToProto(const PointRun& run, v1::PointRun* out) {
 
 absl::StatusOr<PointRun> RunFromProto(const v1::PointRun& run) {
   const int length = run.x_size();
-  if (run.y_size() != length || run.visible_size() != length || run.confidence_size() != length ||
-      run.final_count() > static_cast<uint32_t>(length) || run.first_frame() < 0) {
+  if (length == 0 || run.y_size() != length || run.visible_size() != length || run.confidence_size() != length ||
+      run.final_count() > static_cast<uint32_t>(length) || run.first_frame() < 0 || run.first_frame() > kMaxFrame) {
     return absl::InternalError(absl::StrCat("the server sent a malformed run of point ", run.id()));
   }
   return PointRun{run.id(),

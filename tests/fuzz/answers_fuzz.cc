@@ -66,6 +66,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   holdfast::SessionAccepted accepted;
   accepted.window_frames = 6;
   accepted.replay_frames = 8;
+  accepted.checkpoint_interval_frames = 2;
   EXPECT_TRUE(queue.Restart(accepted));
   answers.Begin(accepted);
   for (int64_t i = 0; i < holdfast::kFramesSent; ++i) {

@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -203,6 +205,15 @@ TEST(ConvertTest, ACaptureTimeOutOfRangeIsTheServersFault) {
   v1::Tracks tracks;
   tracks.add_capture_times()->mutable_capture_time()->set_nanos(-1);
   EXPECT_THAT(FromProto(tracks), StatusIs(absl::StatusCode::kInternal));
+}
+
+TEST(ConvertTest, ARunOfNoFrameOrBeyondAllFramesIsRefused) {
+  EXPECT_THAT(FromProto(ToProto(TrackUpdate{{{3, 0, {}, {}, {}, {}, 0}}, 1, 1})),
+              StatusIs(absl::StatusCode::kInternal));
+  for (const int64_t first : {std::numeric_limits<int64_t>::max(), int64_t{-1}}) {
+    EXPECT_THAT(FromProto(ToProto(TrackUpdate{{{3, first, {1}, {1}, {1}, {1}, 1}}, 1, 1})),
+                StatusIs(absl::StatusCode::kInternal));
+  }
 }
 
 TEST(ConvertTest, RunsOfUnequalLengthsAreRefused) {
