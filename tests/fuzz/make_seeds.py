@@ -125,7 +125,7 @@ def token_state(pb, polish):
         track.seen.extend([True] * 6)
         track.shown_x.extend([1.5, 2.5] if polish else [])
         track.shown_y.extend([2.0, 2.0] if polish else [])
-        if polish:
+        if polish and serial == 0:
             track.patch.at.x = track.patch.at.y = 3
             track.patch.pixels = bytes(64 * 64)
     return state
@@ -192,17 +192,22 @@ def pickles():
             "names": b"\x80\x02ctorch.optim.adam\nAdam\n)\x81}b."}
 
 
+def zip_file(entries, method=zipfile.ZIP_STORED):
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        for name, data in entries.items():
+            archive.writestr(zipfile.ZipInfo(name), data, method)  # without the time of day
+    return out.getvalue()
+
+
 def torch_archives():
     """First byte 0: a file. Otherwise pieces: the pickle and the storages."""
-    whole = io.BytesIO()
-    with zipfile.ZipFile(whole, "w") as archive:
-        archive.writestr("a/data.pkl", state_dict(tensor_op(b"0", 2, 0, 2, 1)))
-        archive.writestr("a/byteorder", "little")
-        archive.writestr("a/data/0", bytes(8))
+    whole = zip_file({"a/data.pkl": state_dict(tensor_op(b"0", 2, 0, 2, 1)), "a/byteorder": b"little",
+                      "a/data/0": bytes(8)})
     pickle = state_dict(tensor_op(b"0", 4, 1, 2, 1))
     nested = (b"\x80\x02}" + text_op(b"model_state_dict") + b"}(" + text_op(b"module.a") + tensor_op(b"0", 4, 0, 2, 2)
               + text_op(b"b") + tensor_op(b"1", 1, 0, 1, 0) + b"us.")
-    return {"whole": b"\0" + whole.getvalue(), "pieces": b"\1" + piece(pickle) + piece(bytes(16)),
+    return {"whole": b"\0" + whole, "pieces": b"\1" + piece(pickle) + piece(bytes(16)),
             "nested": b"\1" + piece(nested) + piece(bytes(16)) + piece(bytes(4))}
 
 
@@ -218,10 +223,7 @@ def npz_files():
     seeds["npy_scalar"] = b"\1\0" + npy(numpy.float32(1))
     seeds["npy_columns"] = b"\1\0" + npy(numpy.asfortranarray(numpy.ones((2, 2))))
     for name, method in (("stored", zipfile.ZIP_STORED), ("deflated", zipfile.ZIP_DEFLATED)):
-        whole = io.BytesIO()
-        with zipfile.ZipFile(whole, "w", method) as archive:
-            archive.writestr("a.npy", npy(numpy.zeros((4, 3), "<f4")))
-        seeds[name] = b"\0\6" + whole.getvalue()
+        seeds[name] = b"\0\6" + zip_file({"a.npy": npy(numpy.zeros((4, 3), "<f4"))}, method)
     return seeds
 
 
