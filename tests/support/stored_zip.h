@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+
 namespace holdfast {
 
 // The bytes of a zip file whose entries (name, content) are stored as they are, with the right checksums.
@@ -23,13 +25,14 @@ inline std::string StoredZip(const std::vector<std::pair<std::string, std::strin
   for (const auto& [name, content] : entries) {
     const uLong sum = crc32(0, reinterpret_cast<const Bytef*>(content.data()), static_cast<uInt>(content.size()));
     // Flags, method, time, date; what both of an entry's headers say.
-    const std::string common = zeros(4 + 2) + number(0x21, 2) + number(sum, 4) + number(content.size(), 4) +
-                               number(content.size(), 4) + number(name.size(), 2) + zeros(2);
-    directory += "PK\x01\x02" + version + version + common + zeros(2 + 2 + 2 + 4) + number(locals.size(), 4) + name;
-    locals += "PK\x03\x04" + version + common + name + content;
+    const std::string common = absl::StrCat(zeros(4 + 2), number(0x21, 2), number(sum, 4), number(content.size(), 4),
+                                            number(content.size(), 4), number(name.size(), 2), zeros(2));
+    absl::StrAppend(&directory, "PK\x01\x02", version, version, common, zeros(2 + 2 + 2 + 4), number(locals.size(), 4),
+                    name);
+    absl::StrAppend(&locals, "PK\x03\x04", version, common, name, content);
   }
-  return locals + directory + "PK\x05\x06" + zeros(4) + number(entries.size(), 2) + number(entries.size(), 2) +
-         number(directory.size(), 4) + number(locals.size(), 4) + zeros(2);
+  return absl::StrCat(locals, directory, "PK\x05\x06", zeros(4), number(entries.size(), 2), number(entries.size(), 2),
+                      number(directory.size(), 4), number(locals.size(), 4), zeros(2));
 }
 
 }  // namespace holdfast

@@ -63,7 +63,7 @@ class RandomState {
   }
 
   void AddEstimates(TrackState& state) {
-    state.first_kept = state.seed.frame + 8 * Below(5);
+    state.first_kept = state.seed.frame + int64_t{8} * Below(5);
     const int count = 24 + Below(8);
     const int polished = count - 23;
     Position at = state.seed.position;
