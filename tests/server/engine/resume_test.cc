@@ -335,8 +335,8 @@ TEST_F(ResumeTest, SuspendingWhileItFinishesLosesNothing) {
   Tracks tracks = FinalsOf(first);
   if (!end.ok()) {
     RecordingListener second;
-    session = Resume(config, first.checkpoints(), second, kFrames);
-    session->Finish();
+    const auto resumed = Resume(config, first.checkpoints(), second, kFrames);
+    resumed->Finish();
     EXPECT_THAT(second.AwaitDone(), IsOk());
     Merge(FinalsOf(second), tracks);
   }
