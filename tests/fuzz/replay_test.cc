@@ -13,13 +13,14 @@
 #include <vector>
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
+extern const char kFuzzCorpus[];  // the folder of the kept inputs
 
 namespace holdfast {
 namespace {
 
 std::vector<std::filesystem::path> Corpus() {
   std::vector<std::filesystem::path> paths;
-  for (const auto& entry : std::filesystem::directory_iterator(HOLDFAST_FUZZ_CORPUS)) paths.push_back(entry.path());
+  for (const auto& entry : std::filesystem::directory_iterator(kFuzzCorpus)) paths.push_back(entry.path());
   std::sort(paths.begin(), paths.end());
   return paths;
 }
