@@ -13,6 +13,7 @@
 #include "absl/synchronization/notification.h"
 #include "api/clock.h"
 #include "program/flags.h"
+#include "program/freed_memory.h"
 #include "program/openmp_wait.h"
 #include "program/termination.h"
 #include "server/checkpoint/token_sealer.h"
@@ -106,5 +107,6 @@ int Main(const std::vector<std::string>& args) {
 
 int main(int argc, char** argv) {
   holdfast::ChooseOpenMpWait(argv);
+  holdfast::KeepFreedMemory();
   return holdfast::Main({argv + 1, argv + argc});
 }

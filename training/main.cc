@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "program/flags.h"
+#include "program/freed_memory.h"
 #include "program/openmp_wait.h"
 #include "program/termination.h"
 #include "training/flags.h"
@@ -68,5 +69,6 @@ int Main(const std::vector<std::string>& args) {
 
 int main(int argc, char** argv) {
   holdfast::ChooseOpenMpWait(argv);
+  holdfast::KeepFreedMemory();
   return holdfast::Main({argv + 1, argv + argc});
 }

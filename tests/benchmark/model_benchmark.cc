@@ -13,6 +13,7 @@
 #include "model/ops/sampling.h"
 #include "model/point_model.h"
 #include "model/presets.h"
+#include "program/freed_memory.h"
 #include "program/openmp_wait.h"
 
 namespace holdfast {
@@ -156,6 +157,7 @@ BENCHMARK(BM_TrainingStep)->UseRealTime()->Unit(benchmark::kMillisecond);
 
 int main(int argc, char** argv) {
   holdfast::ChooseOpenMpWait(argv);  // as what is served
+  holdfast::KeepFreedMemory();
   const char* threads = std::getenv("HOLDFAST_BENCHMARK_THREADS");
   torch::set_num_threads(threads == nullptr ? 2 : std::atoi(threads));
   benchmark::Initialize(&argc, argv);

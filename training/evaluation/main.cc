@@ -14,6 +14,7 @@
 #include "io/atomic_file.h"
 #include "model/checkpoint/metadata.h"
 #include "program/flags.h"
+#include "program/freed_memory.h"
 #include "program/openmp_wait.h"
 #include "training/evaluation/evaluator.h"
 #include "training/evaluation/flags.h"
@@ -118,5 +119,6 @@ int Main(const std::vector<std::string>& args) {
 
 int main(int argc, char** argv) {
   holdfast::ChooseOpenMpWait(argv);
+  holdfast::KeepFreedMemory();
   return holdfast::Main({argv + 1, argv + argc});
 }
