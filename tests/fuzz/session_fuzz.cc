@@ -83,7 +83,7 @@ class Stream {
     const grpc::Slice slice(bytes);
     grpc::ByteBuffer buffer(&slice, 1);
     v1::TrackRequest request;
-    if (absl::Status status = ParseRequest(buffer, engine_.info().limits.max_points, request); !status.ok()) {
+    if (absl::Status status = ParseRequest(buffer, engine_.limits().max_points, request); !status.ok()) {
       return status;
     }
     return session_ == nullptr ? Open(request) : Apply(std::move(request), *session_, listener_);
