@@ -13,8 +13,7 @@
 #include "absl/synchronization/notification.h"
 #include "api/clock.h"
 #include "program/flags.h"
-#include "program/freed_memory.h"
-#include "program/openmp_wait.h"
+#include "program/network_process.h"
 #include "program/termination.h"
 #include "server/checkpoint/token_sealer.h"
 #include "server/engine/engine.h"
@@ -106,7 +105,6 @@ int Main(const std::vector<std::string>& args) {
 }  // namespace holdfast
 
 int main(int argc, char** argv) {
-  holdfast::ChooseOpenMpWait(argv);
-  holdfast::KeepFreedMemory();
+  holdfast::PrepareForNetwork(argv);
   return holdfast::Main({argv + 1, argv + argc});
 }

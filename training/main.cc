@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // holdfast-train: flags -> request -> training. Exit status: 0 when done or after SIGTERM, 1 when it failed, 2 for
 // wrong flags.
-#include <malloc.h>
-
 #include <atomic>
 #include <cstdlib>
 #include <iostream>
@@ -10,8 +8,7 @@
 #include <vector>
 
 #include "program/flags.h"
-#include "program/freed_memory.h"
-#include "program/openmp_wait.h"
+#include "program/network_process.h"
 #include "program/termination.h"
 #include "training/flags.h"
 #include "training/job.h"
@@ -30,14 +27,6 @@ constexpr Program kProgram = {
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
 
-// A step frees what the next one takes again: tensors of some megabytes, which malloc would hand back to the kernel
-// each time, to be cleared and mapped anew (an eighth of a step's time).
-void KeepFreedMemory() {
-  mallopt(M_MMAP_THRESHOLD, 32 << 20);  // the largest that glibc takes
-  mallopt(M_TRIM_THRESHOLD, 1 << 30);
-  mallopt(M_TOP_PAD, 64 << 20);
-}
-
 absl::StatusOr<TrainRequest> ReadRequest(const std::vector<std::string>& args) {
   const absl::Status status = SetFlags(args, std::getenv);
   if (!status.ok()) return status;
@@ -51,7 +40,6 @@ int Fail(const absl::Status& status, int exit_status) {
 
 int Main(const std::vector<std::string>& args) {
   if (AnswerQuestion(kProgram, args, std::cout)) return EXIT_SUCCESS;
-  KeepFreedMemory();
   std::atomic<bool> asked_to_stop{false};
   StopSignal stop;
   stop.SetCallback([&asked_to_stop] { asked_to_stop = true; });
@@ -68,7 +56,6 @@ int Main(const std::vector<std::string>& args) {
 }  // namespace holdfast
 
 int main(int argc, char** argv) {
-  holdfast::ChooseOpenMpWait(argv);
-  holdfast::KeepFreedMemory();
+  holdfast::PrepareForNetwork(argv);
   return holdfast::Main({argv + 1, argv + argc});
 }

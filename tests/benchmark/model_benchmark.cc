@@ -13,8 +13,7 @@
 #include "model/ops/sampling.h"
 #include "model/point_model.h"
 #include "model/presets.h"
-#include "program/freed_memory.h"
-#include "program/openmp_wait.h"
+#include "program/network_process.h"
 
 namespace holdfast {
 namespace {
@@ -156,8 +155,7 @@ BENCHMARK(BM_TrainingStep)->UseRealTime()->Unit(benchmark::kMillisecond);
 }  // namespace holdfast
 
 int main(int argc, char** argv) {
-  holdfast::ChooseOpenMpWait(argv);  // as what is served
-  holdfast::KeepFreedMemory();
+  holdfast::PrepareForNetwork(argv);  // as what is served
   const char* threads = std::getenv("HOLDFAST_BENCHMARK_THREADS");
   torch::set_num_threads(threads == nullptr ? 2 : std::atoi(threads));
   benchmark::Initialize(&argc, argv);

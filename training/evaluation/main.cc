@@ -14,8 +14,7 @@
 #include "io/atomic_file.h"
 #include "model/checkpoint/metadata.h"
 #include "program/flags.h"
-#include "program/freed_memory.h"
-#include "program/openmp_wait.h"
+#include "program/network_process.h"
 #include "training/evaluation/evaluator.h"
 #include "training/evaluation/flags.h"
 #include "training/evaluation/report.h"
@@ -87,9 +86,19 @@ absl::Status Calibrate(const EvaluateRequest& request, const EvaluationMethods& 
   return CopyWithMetadata(request.methods.engine.weights_path, request.calibrate, Calibration::kMetadataKey, json);
 }
 
+// An hour's evaluation shall not end at a name that was wrong from the start.
+absl::Status CheckOutputs(const EvaluateRequest& request) {
+  absl::Status status;
+  for (const std::string& path : {request.json, request.calibrate}) {
+    if (!path.empty()) status.Update(CheckWritable(path));
+  }
+  return status;
+}
+
 absl::Status Run() {
   const absl::StatusOr<EvaluateRequest> request = RequestFromFlags();
   if (!request.ok()) return request.status();
+  if (absl::Status writable = CheckOutputs(*request); !writable.ok()) return writable;
   absl::StatusOr<std::unique_ptr<EvaluationMethods>> methods = EvaluationMethods::Create(request->methods);
   if (!methods.ok()) return methods.status();
   const absl::StatusOr<std::vector<Report>> reports =
@@ -118,7 +127,6 @@ int Main(const std::vector<std::string>& args) {
 }  // namespace holdfast
 
 int main(int argc, char** argv) {
-  holdfast::ChooseOpenMpWait(argv);
-  holdfast::KeepFreedMemory();
+  holdfast::PrepareForNetwork(argv);
   return holdfast::Main({argv + 1, argv + argc});
 }

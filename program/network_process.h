@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+namespace holdfast {
+
+// What every program that runs the network does first thing in main, before there are threads: how its OpenMP threads
+// wait (ChooseOpenMpWait, which may execute the program once more) and what becomes of freed memory (KeepFreedMemory).
+// Environment variables that the user has set win. 'argv' is main's.
+void PrepareForNetwork(char** argv);
+
+}  // namespace holdfast
