@@ -97,9 +97,14 @@ class EvaluateProgramTest(unittest.TestCase):
         self.assertEqual(result.returncode, 1)
         self.assertIn("/nowhere.safetensors", result.stderr)
         self.assertEqual(evaluate("--baseline=lk", "--format=crohd", "--data=/nowhere").returncode, 1)
-        result = evaluate(*SMALL, f"--weights={WEIGHTS}", "--processing_size=128x96", "--calibrate=/nowhere/calibrated")
-        self.assertEqual(result.returncode, 1)
-        self.assertIn("/nowhere/calibrated", result.stderr)
+
+    def test_what_cannot_be_written_is_said_before_anything_is_evaluated(self):
+        for flag in ("--calibrate", "--json"):
+            result = evaluate(*SMALL, f"--weights={WEIGHTS}", "--processing_size=128x96", f"{flag}=/nowhere/result")
+            self.assertEqual(result.returncode, 1)
+            self.assertIn("/nowhere/result", result.stderr)
+            self.assertNotIn("sequence 1", result.stderr)
+            self.assertEqual(result.stdout, "")
 
     def test_help_names_the_flags(self):
         result = evaluate("--help")
