@@ -83,4 +83,18 @@ std::optional<Overload> OverloadDetails(const absl::Status& status) {
                   absl::Milliseconds(payload.value("retry_ms", int64_t{0}))};
 }
 
+bool IsServersFault(const absl::Status& status) {
+  switch (status.code()) {
+    case absl::StatusCode::kOk:
+    case absl::StatusCode::kCancelled:
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kFailedPrecondition:
+    case absl::StatusCode::kDeadlineExceeded:
+    case absl::StatusCode::kUnavailable:
+      return false;
+    default:  // RESOURCE_EXHAUSTED without a quota is memory that the machine does not have
+      return !OverloadDetails(status).has_value();
+  }
+}
+
 }  // namespace holdfast

@@ -65,4 +65,8 @@ struct Overload {
 };
 std::optional<Overload> OverloadDetails(const absl::Status& status);
 
+// Whether 'status' says that something is wrong with the server itself: neither with what a client sent, did or was
+// late with, nor a quota used up, nor a server that ends.
+bool IsServersFault(const absl::Status& status);
+
 }  // namespace holdfast

@@ -17,10 +17,6 @@ namespace {
 constexpr size_t kMaxWarnings = 16;     // waiting to be sent; later ones are dropped
 constexpr size_t kMaxLoggedText = 300;  // bytes
 
-bool IsServersFault(const absl::Status& status) {
-  return absl::IsInternal(status) || absl::IsUnknown(status) || absl::IsDataLoss(status);
-}
-
 // Code and text, cut: the text may quote what a stranger sent.
 std::string ForLog(const absl::Status& status) {
   const absl::string_view text = status.message();

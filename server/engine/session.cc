@@ -29,18 +29,11 @@ std::unique_ptr<SessionFlow> MakeFlow(const Session::Options& options) {
 
 SessionOutcome OutcomeOf(const absl::Status& status, bool suspended) {
   if (suspended && !status.ok()) return SessionOutcome::kSuspended;
-  switch (status.code()) {
-    case absl::StatusCode::kOk:
-      return SessionOutcome::kCompleted;
-    case absl::StatusCode::kCancelled:
-      return SessionOutcome::kCancelled;
-    case absl::StatusCode::kInvalidArgument:
-    case absl::StatusCode::kFailedPrecondition:
-    case absl::StatusCode::kDeadlineExceeded:
-      return SessionOutcome::kClientError;
-    default:  // a limit of the session, or memory that the machine does not have
-      return OverloadDetails(status) ? SessionOutcome::kClientError : SessionOutcome::kFailed;
-  }
+  if (status.ok()) return SessionOutcome::kCompleted;
+  if (absl::IsCancelled(status)) return SessionOutcome::kCancelled;
+  // A session that the server's end cut off without a checkpoint has failed, though nothing is wrong with the server.
+  const bool failed = IsServersFault(status) || absl::IsUnavailable(status);
+  return failed ? SessionOutcome::kFailed : SessionOutcome::kClientError;
 }
 
 }  // namespace
