@@ -21,25 +21,21 @@ int64_t AnswerTimes::Answered(const TrackUpdate& update) {
     before = std::max(before, run.first_frame + static_cast<int64_t>(run.x.size()));
   }
   before = std::min(before, static_cast<int64_t>(sent_.size()));
-  while (static_cast<int64_t>(waited_.size()) < before) waited_.push_back(Between(sent_[waited_.size()], now));
-  return static_cast<int64_t>(waited_.size());
+  while (static_cast<int64_t>(waited_.count()) < before) waited_.Add(Between(sent_[waited_.count()], now));
+  return static_cast<int64_t>(waited_.count());
 }
 
 int64_t AnswerTimes::answered() const {
   absl::MutexLock lock(&mutex_);
-  return static_cast<int64_t>(waited_.size());
+  return static_cast<int64_t>(waited_.count());
 }
 
 std::string AnswerTimes::Summary() const {
   absl::MutexLock lock(&mutex_);
-  if (waited_.empty()) return "";
-  std::vector<absl::Duration> sorted = waited_;
-  std::sort(sorted.begin(), sorted.end());
-  const auto at = [&sorted](size_t percent) {
-    return absl::ToDoubleMilliseconds(sorted[(sorted.size() - 1) * percent / 100]);
-  };
-  return absl::StrFormat("first estimate of a frame after %.0f ms (median), %.0f ms (95 %% of frames)\n", at(50),
-                         at(95));
+  if (waited_.count() == 0) return "";
+  return absl::StrFormat("first estimate of a frame after %.0f ms (median), %.0f ms (95 %% of frames)\n",
+                         absl::ToDoubleMilliseconds(waited_.Percentile(50)),
+                         absl::ToDoubleMilliseconds(waited_.Percentile(95)));
 }
 
 }  // namespace holdfast

@@ -11,6 +11,7 @@
 #include "absl/time/time.h"
 #include "api/clock.h"
 #include "api/types.h"
+#include "client/cli/latencies.h"
 
 namespace holdfast {
 
@@ -31,7 +32,7 @@ class AnswerTimes {
   const std::function<SteadyTime()> now_;
   mutable absl::Mutex mutex_;
   std::vector<SteadyTime> sent_ ABSL_GUARDED_BY(mutex_);
-  std::vector<absl::Duration> waited_ ABSL_GUARDED_BY(mutex_);  // of frames 0 .. answered - 1
+  Latencies waited_ ABSL_GUARDED_BY(mutex_);  // of frames 0 .. answered - 1
 };
 
 }  // namespace holdfast
