@@ -169,7 +169,8 @@ struct PrometheusMetrics::Impl {
   Histogram& checkpoint_bytes =
       AddHistograms("holdfast_checkpoint_bytes", "Length of a checkpoint's token.").Add({}, TokenBuckets());
   Gauge& cache_bytes = AddGauge("holdfast_cache_bytes", "Features held now, over all sessions.");
-  Gauge& work_budget = AddGauge("holdfast_work_budget", "Point-frames a second that sessions may be promised.");
+  Gauge& work_budget =
+      AddGauge("holdfast_work_budget", "Point-frames a second that sessions may be promised, as of the last batch.");
   Gauge& work_promised = AddGauge("holdfast_work_promised", "Point-frames a second that sessions were promised.");
   Counter& precision_fallbacks =
       AddCounters("holdfast_precision_fallbacks_total",

@@ -38,7 +38,11 @@ double WorkMeter::QuietBudget() const {
 
 double WorkMeter::Budget() const {
   absl::MutexLock lock(&mutex_);
-  const double remains = Remains(clock_.SteadyNow());
+  return BudgetLocked(clock_.SteadyNow());
+}
+
+double WorkMeter::BudgetLocked(SteadyTime now) const {
+  const double remains = Remains(now);
   return QuietBudget() * (kPrior + expected_ * remains) / (kPrior + took_ * remains);
 }
 
@@ -51,15 +55,13 @@ void WorkMeter::Refined(int64_t rows, int iterations, absl::Duration took) {
 }
 
 void WorkMeter::Add(double expected, absl::Duration took) {
-  {
-    absl::MutexLock lock(&mutex_);
-    const SteadyTime now = clock_.SteadyNow();
-    const double remains = Remains(now);
-    expected_ = expected_ * remains + expected;
-    took_ = took_ * remains + absl::ToDoubleSeconds(took);
-    last_ = now;
-  }
-  metrics_.WorkBudget(Budget());
+  absl::MutexLock lock(&mutex_);
+  const SteadyTime now = clock_.SteadyNow();
+  const double remains = Remains(now);
+  expected_ = expected_ * remains + expected;
+  took_ = took_ * remains + absl::ToDoubleSeconds(took);
+  last_ = now;
+  metrics_.WorkBudget(BudgetLocked(now));
 }
 
 double WorkMeter::Remains(SteadyTime now) const {

@@ -45,6 +45,7 @@ class WorkMeter {
 
  private:
   void Add(double expected, absl::Duration took) ABSL_LOCKS_EXCLUDED(mutex_);
+  double BudgetLocked(SteadyTime now) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // What remains of what was added until now, as it is forgotten with time.
   double Remains(SteadyTime now) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
