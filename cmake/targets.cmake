@@ -95,11 +95,12 @@ function(holdfast_isa_test name)
   if(A_FILTER)
     list(APPEND environment "GTEST_FILTER=${A_FILTER}")
   endif()
-  set_tests_properties(${variant} PROPERTIES LABELS isa TIMEOUT 600 ENVIRONMENT "${environment}")
+  set_tests_properties(${variant} PROPERTIES LABELS isa TIMEOUT 600 COST 600 ENVIRONMENT "${environment}")
 endfunction()
 
 # holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...]); ctest shows the name as given.
 # Without PCH it has that of tests, which does not fit what links gRPC.
+# Tests that may take longest begin first: one that begins last runs alone.
 # A test's own code is optimised lightly: it runs once, and most of the time of a build goes into tests.
 function(holdfast_test name)
   cmake_parse_arguments(A "" "PCH;TIMEOUT" "SOURCES;DEPS;LABELS" ${ARGN})
@@ -133,5 +134,5 @@ function(holdfast_test name)
   if(HOLDFAST_SANITIZE)
     math(EXPR A_TIMEOUT "4 * ${A_TIMEOUT}")
   endif()
-  set_tests_properties(${name} PROPERTIES LABELS "${A_LABELS}" TIMEOUT ${A_TIMEOUT})
+  set_tests_properties(${name} PROPERTIES LABELS "${A_LABELS}" TIMEOUT ${A_TIMEOUT} COST ${A_TIMEOUT})
 endfunction()

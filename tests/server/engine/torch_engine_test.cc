@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The engine over the real network: golden numbers through LocalTracker, and the independence of points to the bit.
+// The engine over the real network: the independence of points to the bit, precisions, and weights that are no good.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <torch/types.h>
@@ -12,11 +12,10 @@
 #include <vector>
 
 #include "model/checkpoint/metadata.h"
-#include "server/engine/engine_with_model.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/torch_tracker_model.h"
 #include "server/engine/tracks/calibration.h"
-#include "tests/support/golden.h"
+#include "tests/server/engine/torch_engine_fixture.h"
 #include "tests/support/memory_sealer.h"
 #include "tests/support/networks.h"
 #include "tests/support/recorders.h"
@@ -29,127 +28,6 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
-
-std::unique_ptr<Engine> EngineOf(PointModel model, const EngineOptions& options) {
-  static SimulatedClock clock;  // stands still
-  static NullEngineMetrics metrics;
-  auto network = MakeTorchTrackerModel({std::move(model), "test", "00"}, options, clock, metrics);
-  EXPECT_THAT(network, IsOk());
-  auto engine = CreateEngineWithModel(options, *std::move(network), clock, metrics);
-  EXPECT_THAT(engine, IsOk());
-  return *std::move(engine);
-}
-
-// The network alone.
-EngineOptions Exact(ImageSize processing) {
-  EngineOptions options;
-  options.motion_prior = options.polish = false;
-  options.precision = Precision::kFloat32;
-  options.compute_threads = 1;
-  options.processing_size = processing;
-  return options;
-}
-
-// frames [T, H, W, 3] uint8.
-Frame FrameOf(const torch::Tensor& frames, int64_t index) {
-  const torch::Tensor frame = frames[index].contiguous();
-  return {index, std::string(static_cast<const char*>(frame.data_ptr()), frame.numel())};
-}
-
-SessionConfig RawConfig(const torch::Tensor& frames) {
-  SessionConfig config;
-  config.encoding = FrameEncoding::kRgb24;
-  config.raw_size = {static_cast<int>(frames.size(2)), static_cast<int>(frames.size(1))};
-  return config;
-}
-
-std::vector<PointQuery> Queries(const torch::Tensor& xy) {
-  std::vector<PointQuery> queries;
-  for (int64_t n = 0; n < xy.size(0); ++n) {
-    queries.push_back({static_cast<PointId>(n), xy[n][0].item<float>(), xy[n][1].item<float>()});
-  }
-  return queries;
-}
-
-void Track(Engine& engine, const SessionConfig& config, const torch::Tensor& frames, RecordingObserver& observer) {
-  LocalTracker tracker(engine);
-  auto stream = tracker.Open(config, observer);
-  ASSERT_THAT(stream, IsOk());
-  for (int64_t i = 0; i < frames.size(0); ++i) ASSERT_THAT((*stream)->PushFrame(FrameOf(frames, i)), IsOk());
-  ASSERT_THAT((*stream)->Finish(), IsOk());
-}
-
-// [T, N, 2] float32
-torch::Tensor Finals(const RecordingObserver& observer, int64_t frames, int64_t points) {
-  torch::Tensor xy = torch::full({frames, points, 2}, NAN);
-  for (int64_t n = 0; n < points; ++n) {
-    for (const auto& [frame, sample] : observer.Final(static_cast<PointId>(n))) {
-      xy[frame][n][0] = sample.x;
-      xy[frame][n][1] = sample.y;
-    }
-  }
-  return xy;
-}
-
-torch::Tensor RunGolden(Chaining chaining, const TensorMap& golden, int iterations, int64_t frames) {
-  EngineOptions options = Exact({160, 128});
-  options.chaining = chaining;
-  auto engine = EngineOf(FormulaModel(PublishedOptions()), options);
-  SessionConfig config = RawConfig(golden.at("frames"));
-  config.hop_frames = 23;
-  config.iterations = iterations;
-  config.send_provisional = false;
-  config.points = Queries(golden.at("queries_xy"));
-  RecordingObserver observer;
-  Track(*engine, config, golden.at("frames").narrow(0, 0, frames), observer);
-  return Finals(observer, frames, 8);
-}
-
-TEST(TorchEngineTest, ChainsWindowsAsThePublishedScriptDoes) {
-  const TensorMap golden = ReadGolden("pips2_golden.safetensors");
-  const torch::Tensor tracks = RunGolden(Chaining::kPublished, golden, 4, 47);
-  const Difference difference = Measure("chained_47_iters4", tracks, golden.at("chained_47_iters4"));
-  EXPECT_LE(difference.max, 1.0);
-  EXPECT_LE(difference.mean, 0.05);
-}
-
-TEST(TorchEngineTest, OneWindowEqualsThePublishedRun) {
-  const TensorMap golden = ReadGolden("pips2_golden.safetensors");
-  const torch::Tensor tracks = RunGolden(Chaining::kStandard, golden, 1, 24);
-  EXPECT_LE(Measure("coords_iter0", tracks, golden.at("coords_iter0")).max, 1e-3);
-}
-
-TEST(TorchEngineTest, TheFirstWindowOfHop23IsThatOfThePublishedChaining) {
-  const TensorMap golden = ReadGolden("pips2_golden.safetensors");
-  const torch::Tensor own = RunGolden(Chaining::kStandard, golden, 2, 47);
-  const torch::Tensor published = RunGolden(Chaining::kPublished, golden, 2, 47);
-  EXPECT_TRUE(own.narrow(0, 0, 24).equal(published.narrow(0, 0, 24)));
-  EXPECT_FALSE(own.equal(published)) << "the second window starts from other templates";
-}
-
-TEST(TorchEngineTest, RunsTheShippedWeights) {
-  const TensorMap golden = ReadGolden("pips2_golden.safetensors"),
-                  expected = ReadGolden("interim_expected.safetensors");
-  EngineOptions options = Exact({160, 128});
-  options.weights_path = std::string(HOLDFAST_SOURCE_DIR) + "/tests/data/interim.safetensors";
-  SimulatedClock clock;
-  NullEngineMetrics metrics;
-  const torch::Tensor frames = golden.at("frames").narrow(0, 0, 24);
-  torch::Tensor tracks[2];
-  for (const Precision precision : {Precision::kFloat32, Precision::kBFloat16}) {
-    options.precision = precision;
-    auto engine = Engine::Create(options, clock, metrics);
-    ASSERT_THAT(engine, IsOk());
-    EXPECT_EQ((*engine)->info().weights_sha256.size(), 64u);
-    SessionConfig config = RawConfig(frames);
-    config.points = Queries(golden.at("queries_xy"));
-    RecordingObserver observer;
-    Track(**engine, config, frames, observer);
-    tracks[precision == Precision::kBFloat16] = Finals(observer, 24, 8);
-  }
-  EXPECT_LE(Measure("coords_iter3", tracks[0], expected.at("coords_iter3")).max, 1e-2);
-  EXPECT_LE(Measure("bfloat16", tracks[1], tracks[0]).mean, 0.5);
-}
 
 // Random frames that differ, small enough for milliseconds.
 torch::Tensor RandomFrames(int64_t count, int64_t height = 64, int64_t width = 96) {
