@@ -121,8 +121,11 @@ class TrackRun final : public TrackObserver {
     config.emit = options_.live ? Emit::kEveryFrame : Emit::kWindows;
     config.points = PointsOf(0);
     config.frames_per_second = options_.promise_fps;
-    if (options_.promise_fps > 0) config.expected_points = static_cast<int>(table_.tracks().size());
     config.label = "holdfast track";
+    if (options_.promise_fps > 0) {
+      absl::MutexLock lock(&mutex_);
+      config.expected_points = static_cast<int>(table_.tracks().size());
+    }
     return config;
   }
 
