@@ -8,6 +8,7 @@ file.
 """
 import argparse
 import concurrent.futures
+import functools
 import hashlib
 import json
 import pathlib
@@ -26,11 +27,15 @@ def output_of(*command):
 
 def read_dependencies(build):
     """Object file -> files of the tree that it was made of, from `ninja -t deps`."""
+    @functools.cache  # a library's header comes hundreds of times
+    def in_tree(name):
+        path = (build / name).resolve()
+        return path if ROOT in path.parents and build not in path.parents else None
+
     dependencies, current = {}, []
     for line in output_of("ninja", "-C", build, "-t", "deps").splitlines():
         if line.startswith("    "):
-            path = (build / line.strip()).resolve()
-            if ROOT in path.parents and build not in path.parents:
+            if path := in_tree(line.strip()):
                 current.append(path)
         elif ": #deps" in line:
             current = dependencies[line.split(": #deps")[0]] = []
