@@ -28,7 +28,7 @@ absl::Status EngineOptions::Validate() const {
         {"max_batch_frames", max_batch_frames, 1},
         {"max_pending_frames", max_pending_frames, 1},
         {"cache_budget_bytes", cache_budget_bytes, 1},
-        {"max_processing_pixels", max_processing_pixels, kProcessingSizeStep * kProcessingSizeStep},
+        {"max_processing_pixels", max_processing_pixels, int64_t{kProcessingSizeStep} * kProcessingSizeStep},
         {"max_iterations", max_iterations, iterations},
         {"limits.max_points", limits.max_points, 1},
         {"limits.max_frame_bytes", limits.max_frame_bytes, 1},

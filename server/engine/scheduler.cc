@@ -106,12 +106,12 @@ bool Scheduler::EncodeBatch() {
     const absl::Duration took = clock_.Since(begin);
     metrics_.StageTook(Stage::kEncode, took);
     meter_.Encoded(static_cast<int64_t>(images.size()) * Pixels(images.front()->size), took);
-    Admit(std::move(batch), std::move(features));
+    Admit(batch, std::move(features));
   });
   return true;
 }
 
-void Scheduler::Admit(FrameBatch batch, std::vector<FrameFeaturesPtr> features) {
+void Scheduler::Admit(const FrameBatch& batch, std::vector<FrameFeaturesPtr> features) {
   size_t next = 0;
   for (const auto& part : batch.parts) {
     for (const DecodedFrame& frame : part.frames) part.session->Admit(frame, std::move(features[next++]), model_);
@@ -130,12 +130,12 @@ bool Scheduler::RefineBatch() {
     metrics_.StageTook(Stage::kRefine, took);
     meter_.Refined(batch.rows, batch.iterations, took);
     metrics_.BatchRefined(batch.rows, batch.iterations);
-    Apply(std::move(batch), std::move(estimates));
+    Apply(batch, std::move(estimates));
   });
   return true;
 }
 
-void Scheduler::Apply(RowBatch batch, std::vector<RowEstimate> estimates) {
+void Scheduler::Apply(const RowBatch& batch, std::vector<RowEstimate> estimates) {
   size_t next = 0;
   for (const auto& part : batch.parts) {
     part.session->Apply(part.rows, &estimates[next]);

@@ -51,8 +51,8 @@ class Scheduler {
   bool TakeTurn();
   bool EncodeBatch();
   bool RefineBatch();
-  void Admit(FrameBatch batch, std::vector<FrameFeaturesPtr> features);
-  void Apply(RowBatch batch, std::vector<RowEstimate> estimates);
+  void Admit(const FrameBatch& batch, std::vector<FrameFeaturesPtr> features);
+  void Apply(const RowBatch& batch, std::vector<RowEstimate> estimates);
   // What is thrown, by the network or for want of memory, ends the sessions it was done for, and no others.
   void RunFor(const std::vector<Session*>& affected, const std::function<void()>& work);
   // The sessions, beginning with the one whose turn it is.

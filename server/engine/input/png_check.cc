@@ -98,7 +98,7 @@ absl::StatusOr<Header> ReadHeader(absl::string_view bytes) {
 
 // False: more than 'limit' came out already.
 bool InflateWithin(z_stream& stream, absl::string_view data, int64_t limit) {
-  std::array<uint8_t, 32 * 1024> scratch;
+  std::array<uint8_t, size_t{32} * 1024> scratch;
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(data.data()));  // only read
   stream.avail_in = static_cast<uInt>(data.size());
   while (true) {
