@@ -12,7 +12,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps tools configure build test demo bench train-small format lint sanitize fuzz clean
+.PHONY: help deps tools configure build test dist demo bench train-small format lint sanitize fuzz clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -40,6 +40,13 @@ ifeq ($(PRESET),release)
 	cmake --build --preset asan-core -j $(JOBS)
 	ctest --preset asan-core -j $(JOBS)
 endif
+
+dist: build ## make the source archive and Debian packages of server, client and client library in out/dist
+	mkdir -p out/dist
+	git archive --prefix=holdfast-$$(git describe --tags --always)/ -o out/dist/holdfast-source.tar.gz HEAD
+	cpack --config $(BUILD)/CPackConfig.cmake -B out/dist > /dev/null
+	rm -rf out/dist/_CPack_Packages
+	ls -sh out/dist
 
 demo: configure ## track a real video through the server; the result lies in out/demo
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast-server holdfast

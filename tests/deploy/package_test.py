@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is installed works by itself: the client library for a stranger's program, and Debian packages.
+
+Usage: package_test.py BUILD CMAKE
+"""
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "e2e"))
+from server_process import VIDEO, ServerProcess  # noqa: E402
+
+SMALL = ["--processing_size=128x96", "--iterations=1", "--compute_threads=1", "--precision=float32"]
+PACKAGES = {"holdfast-server": "usr/bin/holdfast-server", "holdfast-client": "usr/bin/holdfast",
+            "libholdfast-dev": "usr/include/holdfast/client/remote_tracker.h"}
+
+
+def run(*command, **options):
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, **options)
+    if done.returncode != 0:
+        raise AssertionError(f"{command}: {done.stdout}{done.stderr}")
+    return done.stdout
+
+
+class PackageTest(unittest.TestCase):
+    build = cmake = None
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="holdfast-package-")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def install(self, *components):
+        prefix = self.folder / "installed"
+        for component in components:
+            run(self.cmake, "--install", self.build, "--component", component, "--prefix", prefix)
+        return prefix
+
+    def test_a_strangers_program_finds_the_library_and_tracks(self):
+        prefix = self.install("libholdfast-dev", "holdfast-server")
+        # Nothing of the source tree is at hand but the example itself.
+        example = self.folder / "example"
+        example.mkdir()
+        for source in (ROOT / "examples" / "cpp").iterdir():
+            (example / source.name).write_bytes(source.read_bytes())
+        run(self.cmake, "-B", example / "build", "-S", example, f"-DCMAKE_PREFIX_PATH={prefix}")
+        run(self.cmake, "--build", example / "build")
+        server = ServerProcess(str(prefix / "bin" / "holdfast-server"), *SMALL, weights=None, directory="/")
+        self.addCleanup(server.stop)
+        lines = run(example / "build" / "follow", server.address, VIDEO, 338, 458).splitlines()
+        self.assertEqual([int(line.split()[0]) for line in lines], list(range(len(lines))))
+        self.assertGreater(len(lines), 100)
+        x, y = map(float, lines[-1].split()[1:3])
+        self.assertLess(abs(x - 338) + abs(y - 458), 12)  # a bag on the lawn
+
+    def test_debian_packages_hold_what_they_should_and_could_be_installed(self):
+        run("cpack", "--config", pathlib.Path(self.build) / "CPackConfig.cmake", "-B", self.folder)
+        debs = {path.name.split("_")[0]: path for path in self.folder.glob("*.deb")}
+        self.assertEqual(set(debs), set(PACKAGES))
+        for name, file in PACKAGES.items():
+            run("dpkg-deb", "-x", debs[name], self.folder / name)
+            self.assertTrue((self.folder / name / file).is_file(), name)
+            self.assertRegex(run("dpkg-deb", "-f", debs[name], "Version"), r"^0\.\d+\.\d+")
+        self.assertIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-server"], "Depends"))
+        self.assertNotIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-client"], "Depends"))
+        run("apt-get", "install", "--simulate", *debs.values(), env={**os.environ, "LC_ALL": "C"})
+        # As installed, the server finds its weights.
+        server = ServerProcess(str(self.folder / "holdfast-server/usr/bin/holdfast-server"), *SMALL, weights=None,
+                               directory="/")
+        self.addCleanup(server.stop)
+        info = run(self.folder / "holdfast-client/usr/bin/holdfast", "info", f"--server={server.address}")
+        self.assertIn("small", info)
+
+
+if __name__ == "__main__":
+    PackageTest.build, PackageTest.cmake = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])
