@@ -90,6 +90,7 @@ bool IsServersFault(const absl::Status& status) {
     case absl::StatusCode::kInvalidArgument:
     case absl::StatusCode::kFailedPrecondition:
     case absl::StatusCode::kDeadlineExceeded:
+    case absl::StatusCode::kUnauthenticated:
     case absl::StatusCode::kUnavailable:
       return false;
     default:  // RESOURCE_EXHAUSTED without a quota is memory that the machine does not have

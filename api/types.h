@@ -61,6 +61,9 @@ struct SessionConfig {
   // 0: at the pace that there is time for.
   double frames_per_second = 0;
   int expected_points = 0;  // that will be tracked at once, where that is more than 'points'
+  // The session may hold so many points, where that is less than the engine's limit; 0: that limit. Not of the wire:
+  // whoever lets the session in says so.
+  int max_points = 0;
 };
 
 struct Frame {

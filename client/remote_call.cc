@@ -7,6 +7,11 @@
 
 namespace holdfast {
 
+grpc::ClientContext* Authorized(const RemoteServer& server, grpc::ClientContext& context) {
+  if (!server.token.empty()) context.AddMetadata("authorization", absl::StrCat("Bearer ", server.token));
+  return &context;
+}
+
 absl::Status WithText(const absl::Status& status, absl::string_view text) {
   absl::Status changed(status.code(), text);
   status.ForEachPayload([&changed](absl::string_view url, const absl::Cord& cord) { changed.SetPayload(url, cord); });

@@ -18,7 +18,11 @@ namespace holdfast {
 struct RemoteServer {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
+  std::string token;  // of the caller; empty: it has none
 };
+
+// 'context' with the caller's token for 'server', before its call begins.
+grpc::ClientContext* Authorized(const RemoteServer& server, grpc::ClientContext& context);
 
 // The code and the details of 'status' with another text.
 absl::Status WithText(const absl::Status& status, absl::string_view text);
@@ -30,7 +34,7 @@ absl::Status AboutServer(absl::string_view address, const absl::Status& status, 
 class RemoteCall {
  public:
   explicit RemoteCall(const RemoteServer& server)
-      : stub_(v1::PointTracking::NewStub(server.channel)), call_(stub_->Track(&context_)) {}
+      : stub_(v1::PointTracking::NewStub(server.channel)), call_(stub_->Track(Authorized(server, context_))) {}
 
   // False: the call is over.
   bool Write(const v1::TrackRequest& request) { return call_->Write(request); }

@@ -35,20 +35,21 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const Rem
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kMaxBackoffMs);
   arguments.SetInt(GRPC_ARG_DNS_MIN_TIME_BETWEEN_RESOLUTIONS_MS, kNameLookupMs);
-  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+  if (!options.tls.server_name.empty()) arguments.SetSslTargetNameOverride(options.tls.server_name);
+  return grpc::CreateCustomChannel(address, MakeChannelCredentials(options.tls), arguments);
 }
 
-grpc::Status AskInfo(const std::shared_ptr<grpc::Channel>& channel, absl::Duration timeout,
-                     v1::GetServerInfoResponse* response) {
+grpc::Status AskInfo(const RemoteServer& server, absl::Duration timeout, v1::GetServerInfoResponse* response) {
   grpc::ClientContext context;
   context.set_deadline(SteadyDeadline(timeout));
-  return v1::PointTracking::NewStub(channel)->GetServerInfo(&context, v1::GetServerInfoRequest(), response);
+  const auto stub = v1::PointTracking::NewStub(server.channel);
+  return stub->GetServerInfo(Authorized(server, context), v1::GetServerInfoRequest(), response);
 }
 
 // A channel does not tell why it failed to connect, a call that does not wait for it does.
 absl::Status WhyNotConnected(const RemoteServer& server) {
   v1::GetServerInfoResponse ignored;
-  const grpc::Status status = AskInfo(server.channel, absl::Seconds(1), &ignored);
+  const grpc::Status status = AskInfo(server, absl::Seconds(1), &ignored);
   if (status.ok()) return absl::OkStatus();
   return absl::UnavailableError(
       absl::StrCat("holdfast: server at ", server.address, " cannot be reached: ", status.error_message()));
@@ -72,6 +73,8 @@ absl::Status CheckAddresses(const std::vector<std::string>& addresses) {
 
 absl::Status RemoteTracker::Options::Validate() const {
   if (absl::Status status = CheckAddresses(addresses); !status.ok()) return status;
+  if (absl::Status status = tls.Validate(); !status.ok()) return status;
+  if (absl::Status status = CheckToken(token); !status.ok()) return status;
   if (connect_timeout <= absl::ZeroDuration()) return InvalidFieldError("connect_timeout", "expected more than zero");
   if (answer_timeout <= absl::ZeroDuration()) return InvalidFieldError("answer_timeout", "expected more than zero");
   if (max_receive_bytes <= 0) return InvalidFieldError("max_receive_bytes", "expected more than zero");
@@ -87,7 +90,9 @@ absl::StatusOr<std::unique_ptr<RemoteTracker>> RemoteTracker::Connect(const Opti
   const absl::Status valid = options.Validate();
   if (!valid.ok()) return valid;
   std::vector<RemoteServer> servers;
-  for (const std::string& address : options.addresses) servers.push_back({address, MakeChannel(address, options)});
+  for (const std::string& address : options.addresses) {
+    servers.push_back({address, MakeChannel(address, options), options.token});
+  }
   std::vector<std::string> reasons;
   for (size_t i = 0; i < servers.size(); ++i) {
     const absl::Status connected = ConnectTo(servers[i], options.connect_timeout);
@@ -121,7 +126,7 @@ absl::StatusOr<TrackerInfo> RemoteTracker::Info() {
   for (size_t i = 0; i < servers_.size(); ++i) {
     const RemoteServer& server = servers_[(first_server_ + i) % servers_.size()];
     v1::GetServerInfoResponse response;
-    const grpc::Status status = AskInfo(server.channel, options_.answer_timeout, &response);
+    const grpc::Status status = AskInfo(server, options_.answer_timeout, &response);
     info = status.ok() ? FromProto(response) : absl::StatusOr<TrackerInfo>(FromGrpcStatus(status));
     if (info.ok()) return info;
     info = AboutServer(server.address, info.status());

@@ -12,6 +12,7 @@
 #include "absl/time/time.h"
 #include "api/point_tracker.h"
 #include "client/backoff.h"
+#include "client/credentials.h"
 
 namespace holdfast {
 
@@ -30,6 +31,8 @@ class RemoteTracker final : public PointTracker {
   struct Options {
     // "host:port", tried in order and in rotation. A host's name may have several addresses of its own.
     std::vector<std::string> addresses;
+    ClientTls tls;
+    std::string token;  // sent with every call, to servers that let in only whom they know; empty: none
     absl::Duration connect_timeout = absl::Seconds(5);  // for the connection to stand, at each address
     absl::Duration answer_timeout = absl::Seconds(30);  // for a server to accept a session, or to answer Info()
 

@@ -5,7 +5,7 @@
 
 namespace holdfast {
 
-enum class RefusalReason { kLoading, kDraining, kStreams };
+enum class RefusalReason { kLoading, kDraining, kStreams, kToken };
 enum class ResumeResult { kResumed, kRefused };
 
 // What the server reports beside the engine's events. Implementations are thread-safe and quick.

@@ -97,6 +97,20 @@ ABSL_FLAG(
     "Signs checkpoints with the keys of this file, one id:secret a line, the secret of at least 32 bytes in hex or "
     "Base64: the first one signs, all are taken, and a changed file is read again. Servers that share it take up "
     "each other's sessions. Empty: with a random key, so that sessions are resumed by this process only.");
+ABSL_FLAG(std::string, tls_cert, "",
+          "Serves gRPC over TLS with the certificate of this file (PEM, then those that lead to its authority). A "
+          "changed file counts for new connections. Empty: plain text.");
+ABSL_FLAG(std::string, tls_key, "", "Has the private key of --tls_cert in this file (PEM).");
+ABSL_FLAG(std::string, tls_client_ca, "",
+          "Lets in only clients with a certificate of an authority of this file (PEM). Empty: clients need none.");
+ABSL_FLAG(std::string, token_file, "",
+          "Lets in only callers with a token of this file, one name:token a line, behind it max_sessions=N and "
+          "max_points=N where the name has limits of its own. A changed file is read again. Empty: lets all in.");
+ABSL_FLAG(bool, open_health, Defaults().open_health,
+          "Answers grpc.health.v1 without a token. false: not at all; /readyz tells the same.");
+ABSL_FLAG(
+    bool, open_reflection, Defaults().open_reflection,
+    "Answers reflection without a token where --token_file is given. Without that file reflection is there anyhow.");
 ABSL_FLAG(absl::Duration, checkpoint_max_age, Defaults().checkpoint_max_age,
           "Refuses checkpoints that are older than this. inf: none.");
 ABSL_FLAG(absl::Duration, keepalive_time, Defaults().keepalive_time,
@@ -183,6 +197,10 @@ absl::StatusOr<ServerOptions> OptionsFromFlags() {
   options.first_message_timeout = absl::GetFlag(FLAGS_first_message_timeout);
   options.idle_timeout = absl::GetFlag(FLAGS_idle_timeout);
   options.grace_period = absl::GetFlag(FLAGS_grace_period);
+  options.tls = {absl::GetFlag(FLAGS_tls_cert), absl::GetFlag(FLAGS_tls_key), absl::GetFlag(FLAGS_tls_client_ca)};
+  options.token_file = absl::GetFlag(FLAGS_token_file);
+  options.open_health = absl::GetFlag(FLAGS_open_health);
+  options.open_reflection = absl::GetFlag(FLAGS_open_reflection);
   options.checkpoint_keys = absl::GetFlag(FLAGS_checkpoint_keys);
   options.checkpoint_max_age = absl::GetFlag(FLAGS_checkpoint_max_age);
   options.keepalive_time = absl::GetFlag(FLAGS_keepalive_time);

@@ -33,6 +33,7 @@ absl::Status ServerOptions::Validate() const {
     }
   }
   if (grace_period < absl::ZeroDuration()) return absl::InvalidArgumentError("grace_period is negative");
+  if (absl::Status status = tls.Validate(); !status.ok()) return status;
   if (listen.empty()) return absl::InvalidArgumentError("listen is empty, expected host:port");
   if (metrics_listen.empty()) return absl::InvalidArgumentError("metrics_listen is empty, expected host:port");
   if (engine.limits.max_points > kMaxPointsInMessage) {

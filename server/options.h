@@ -5,6 +5,7 @@
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "server/access/credentials.h"
 #include "server/engine/engine.h"
 
 namespace holdfast {
@@ -16,6 +17,13 @@ struct ServerOptions {
   std::string listen = "[::]:50051";            // host:port of gRPC; port 0: a free one
   std::string metrics_listen = "0.0.0.0:9464";  // host:port of /metrics, /healthz and /readyz; port 0: a free one
   EngineOptions engine;
+  ServerTls tls;  // of gRPC; the other port is for the platform alone
+  // Callers are let in whose tokens this file has (see AccessList::Parse). Empty: all are.
+  std::string token_file;
+  // grpc.health.v1 needs no token. false: it is not there at all, and /readyz tells the same.
+  bool open_health = true;
+  // Reflection needs no token, and shows the protocol to everybody. Without tokens it is there anyhow.
+  bool open_reflection = false;
   // A stream whose configuration has not come after this time is ended, so that strangers cannot pile up silent ones.
   absl::Duration first_message_timeout = absl::Seconds(10);
   // A stream whose client neither sends nor reads for this time is ended, and its points' memory is free again. Longer

@@ -98,6 +98,8 @@ const char* Name(RefusalReason reason) {
       return "draining";
     case RefusalReason::kStreams:
       return "streams";
+    case RefusalReason::kToken:
+      return "token";
   }
   return "other";
 }
@@ -188,7 +190,7 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
   Impl::Prepare(impl_->frames, "result", {FrameResult::kTracked, FrameResult::kRejected, FrameResult::kDropped});
   Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory, RejectReason::kWork});
   Impl::Prepare(impl_->rejected, "reason",
-                {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams});
+                {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams, RefusalReason::kToken});
   Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused});
   for (const Stage stage :
        {Stage::kDecode, Stage::kFlow, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {

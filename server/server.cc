@@ -4,11 +4,14 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/impl/server_builder_option.h>
 
 #include <algorithm>
 #include <limits>
 #include <utility>
+#include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "api/limits.h"
 #include "proto/grpc_deadline.h"
@@ -46,10 +49,28 @@ void SetChannelArguments(const ServerOptions& options, grpc::ServerBuilder& buil
   builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, Milliseconds(options.max_connection_age));
 }
 
+// Takes reflection away from one server: the library gives it to every one of the process.
+class WithoutReflection final : public grpc::ServerBuilderOption {
+ public:
+  void UpdateArguments(grpc::ChannelArguments*) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    const auto is_reflection = [](const auto& plugin) { return plugin->name() == "proto_server_reflection"; };
+    plugins->erase(std::remove_if(plugins->begin(), plugins->end(), is_reflection), plugins->end());
+  }
+};
+
+// Whether 'listen', host:port, is for this machine alone.
+bool IsLoopback(absl::string_view listen) {
+  return absl::StartsWith(listen, "127.") || absl::StartsWith(listen, "localhost:") ||
+         absl::StartsWith(listen, "[::1]:") || absl::StartsWith(listen, "unix:");
+}
+
 }  // namespace
 
-Server::Server(const ServerOptions& options, Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log)
-    : service_(ServiceOptions(options), clock, events, std::move(log)) {}
+Server::Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, Clock& clock, ServerEvents& events,
+               std::shared_ptr<spdlog::logger> log)
+    : gatekeeper_(std::move(gatekeeper)),
+      service_(ServiceOptions(options), *gatekeeper_, clock, events, std::move(log)) {}
 
 Server::~Server() {
   if (server_ != nullptr) server_->Shutdown(SteadyDeadline(absl::ZeroDuration()));
@@ -57,17 +78,27 @@ Server::~Server() {
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options, Clock& clock, ServerEvents& events,
                                                       std::shared_ptr<spdlog::logger> log) {
-  std::unique_ptr<Server> server(new Server(options, clock, events, std::move(log)));
+  auto gatekeeper = Gatekeeper::Create(options.token_file, clock, log);
+  if (!gatekeeper.ok()) return gatekeeper.status();
+  if (!options.tls.enabled() && !IsLoopback(options.listen)) {
+    log->warn(absl::StrCat("gRPC on ", options.listen, " is plain text: frames, results and tokens can be read on the ",
+                           "way; see --tls_cert"));
+  }
+  std::unique_ptr<Server> server(new Server(options, *std::move(gatekeeper), clock, events, std::move(log)));
   if (absl::Status status = server->Listen(options); !status.ok()) return status;
   return server;
 }
 
 absl::Status Server::Listen(const ServerOptions& options) {
-  grpc::EnableDefaultHealthCheckService(true);
+  const auto credentials = MakeServerCredentials(options.tls);
+  if (!credentials.ok()) return credentials.status();
+  grpc::EnableDefaultHealthCheckService(options.open_health);
   grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
+  const bool reflects = options.token_file.empty() || options.open_reflection;
+  if (!reflects) builder.SetOption(std::make_unique<WithoutReflection>());
   SetChannelArguments(options, builder);
-  builder.AddListeningPort(options.listen, grpc::InsecureServerCredentials(), &port_);
+  builder.AddListeningPort(options.listen, *credentials, &port_);
   builder.RegisterService(&service_);
   server_ = builder.BuildAndStart();
   if (server_ == nullptr || port_ == 0) {
@@ -79,6 +110,7 @@ absl::Status Server::Listen(const ServerOptions& options) {
 
 void Server::SetHealth(bool serving) {
   auto* const health = server_->GetHealthCheckService();
+  if (health == nullptr) return;
   health->SetServingStatus(serving);
   health->SetServingStatus(v1::PointTracking::service_full_name(), serving);
 }

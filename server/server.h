@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "api/clock.h"
+#include "server/access/gatekeeper.h"
 #include "server/engine/engine.h"
 #include "server/events.h"
 #include "server/lifecycle.h"
@@ -36,12 +37,14 @@ class Server {
   int port() const { return port_; }
 
  private:
-  Server(const ServerOptions& options, Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log);
+  Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, Clock& clock, ServerEvents& events,
+         std::shared_ptr<spdlog::logger> log);
   absl::Status Listen(const ServerOptions& options);
   void SetHealth(bool serving);
 
   Lifecycle lifecycle_;
   int port_ = 0;
+  const std::unique_ptr<Gatekeeper> gatekeeper_;
   TrackService service_;
   std::unique_ptr<grpc::Server> server_;  // last: it uses the service
 };

@@ -26,8 +26,9 @@ std::string ForLog(const absl::Status& status) {
 
 }  // namespace
 
-TrackReactor::TrackReactor(Deps deps, grpc::CallbackServerContext* context)
+TrackReactor::TrackReactor(Deps deps, Gatekeeper::Pass pass, grpc::CallbackServerContext* context)
     : deps_(std::move(deps)),
+      pass_(std::move(pass)),
       started_(deps_.clock.SteadyNow()),
       context_(context),
       log_(deps_.log),
@@ -80,14 +81,17 @@ absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
   }
   absl::StatusOr<SessionConfig> config = FromProto(request.config());
   if (!config.ok()) return config.status();
+  config->max_points = pass_.grant().max_points;
   absl::StatusOr<std::unique_ptr<EngineSession>> opened = OpenSession(*config);
   if (!opened.ok()) return opened.status();
 
   const SessionAccepted& accepted = (*opened)->accepted();
   const std::shared_ptr<spdlog::logger> log =
       deps_.log->clone(absl::StrCat(accepted.session_id, "/", absl::Utf8SafeCHexEscape(config->label)));
-  log->info(config->resume_token.empty() ? absl::StrCat("session opened with ", config->points.size(), " points")
-                                         : absl::StrCat("session resumed at frame ", accepted.first_frame));
+  log->info(absl::StrCat(config->resume_token.empty()
+                             ? absl::StrCat("session opened with ", config->points.size(), " points")
+                             : absl::StrCat("session resumed at frame ", accepted.first_frame),
+                         pass_.grant().name.empty() ? "" : " by ", pass_.grant().name));
   EngineSession* late = nullptr;
   {
     absl::MutexLock lock(&mutex_);

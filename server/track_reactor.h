@@ -16,6 +16,7 @@
 #include "absl/time/time.h"
 #include "api/clock.h"
 #include "holdfast/v1/point_tracking.pb.h"
+#include "server/access/gatekeeper.h"
 #include "server/engine/engine.h"
 #include "server/events.h"
 #include "server/outbox.h"
@@ -44,8 +45,8 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
     StreamOptions options;
     std::function<void(TrackReactor*)> retire;
   };
-  // 'context' is used until gRPC's OnDone.
-  TrackReactor(Deps deps, grpc::CallbackServerContext* context);
+  // 'pass' says whose stream this is and is given back with it. 'context' is used until gRPC's OnDone.
+  TrackReactor(Deps deps, Gatekeeper::Pass pass, grpc::CallbackServerContext* context);
 
   // Called by the owner now and then: ends a stream whose client keeps it waiting for too long.
   void CheckTime(SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
@@ -90,6 +91,7 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   void LogEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Deps deps_;
+  const Gatekeeper::Pass pass_;
   const SteadyTime started_;
   // The buffers belong to gRPC while a read or a write is in flight.
   grpc::ByteBuffer request_;

@@ -24,11 +24,23 @@ class RefusedCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc:
   void OnDone() override { delete this; }  // owned by the call
 };
 
+// Empty where there is none; the first one of several.
+absl::string_view AuthorizationOf(const grpc::CallbackServerContext& context) {
+  const auto found = context.client_metadata().find("authorization");
+  if (found == context.client_metadata().end()) return "";
+  return {found->second.data(), found->second.size()};
+}
+
 }  // namespace
 
-TrackService::TrackService(const Options& options, Clock& clock, ServerEvents& events,
+TrackService::TrackService(const Options& options, Gatekeeper& gatekeeper, Clock& clock, ServerEvents& events,
                            std::shared_ptr<spdlog::logger> log)
-    : options_(options), clock_(clock), events_(events), log_(std::move(log)), housekeeper_([this] { KeepHouse(); }) {}
+    : options_(options),
+      gatekeeper_(gatekeeper),
+      clock_(clock),
+      events_(events),
+      log_(std::move(log)),
+      housekeeper_([this] { KeepHouse(); }) {}
 
 TrackService::~TrackService() {
   {
@@ -51,7 +63,7 @@ void TrackService::Drain() {
   mutex_.Await(absl::Condition(this, &TrackService::IdleLocked));
 }
 
-absl::Status TrackService::AdmitLocked() {
+absl::StatusOr<Engine*> TrackService::AdmitLocked() {
   if (drain_began_) {
     events_.StreamRefused(RefusalReason::kDraining);
     return absl::UnavailableError("the server is shutting down");
@@ -64,16 +76,21 @@ absl::Status TrackService::AdmitLocked() {
     events_.StreamRefused(RefusalReason::kStreams);
     return OverloadError("streams", absl::StrCat("all ", options_.max_streams, " are open"), kRetryAfter);
   }
-  return absl::OkStatus();
+  return engine_;
 }
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track(grpc::CallbackServerContext* context) {
+  absl::StatusOr<Gatekeeper::Pass> pass = gatekeeper_.Admit(AuthorizationOf(*context), context->peer());
+  if (!pass.ok()) {
+    events_.StreamRefused(absl::IsUnauthenticated(pass.status()) ? RefusalReason::kToken : RefusalReason::kStreams);
+    return new RefusedCall(pass.status());
+  }
   absl::MutexLock lock(&mutex_);
-  const absl::Status admitted = AdmitLocked();
-  if (!admitted.ok()) return new RefusedCall(admitted);
-  auto reactor = std::make_unique<TrackReactor>(TrackReactor::Deps{*engine_, clock_, events_, log_, options_.stream,
+  const absl::StatusOr<Engine*> engine = AdmitLocked();
+  if (!engine.ok()) return new RefusedCall(engine.status());
+  auto reactor = std::make_unique<TrackReactor>(TrackReactor::Deps{**engine, clock_, events_, log_, options_.stream,
                                                                    [this](TrackReactor* done) { Retire(done); }},
-                                                context);
+                                                *std::move(pass), context);
   TrackReactor* const borrowed = reactor.get();
   live_.emplace(borrowed, std::move(reactor));
   ++alive_;
@@ -84,6 +101,10 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
                                                       const v1::GetServerInfoRequest*,
                                                       v1::GetServerInfoResponse* response) {
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
+  if (const auto grant = gatekeeper_.Check(AuthorizationOf(*context), context->peer()); !grant.ok()) {
+    reactor->Finish(ToGrpcStatus(grant.status()));
+    return reactor;
+  }
   absl::MutexLock lock(&mutex_);
   if (engine_ == nullptr) {
     reactor->Finish(ToGrpcStatus(absl::UnavailableError("the server is still loading its model")));

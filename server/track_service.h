@@ -10,11 +10,13 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/container/flat_hash_map.h"
+#include "absl/status/statusor.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include "api/clock.h"
 #include "api/steady_event.h"
 #include "holdfast/v1/point_tracking.grpc.pb.h"
+#include "server/access/gatekeeper.h"
 #include "server/engine/engine.h"
 #include "server/events.h"
 #include "server/track_reactor.h"
@@ -22,8 +24,9 @@
 namespace holdfast {
 
 // The gRPC service: admits streams, owns their reactors and ends them at a drain. New streams are refused with
-// UNAVAILABLE before Serve and after Drain, with RESOURCE_EXHAUSTED while too many are open. A thread of its own
-// destroys what ended and watches the timeouts. Messages of Track come as bytes: see message_codec.h. Thread-safe.
+// UNAVAILABLE before Serve and after Drain, with RESOURCE_EXHAUSTED while too many are open, and as Gatekeeper has it.
+// A thread of its own destroys what ended and watches the timeouts. Messages of Track come as bytes: see
+// message_codec.h. Thread-safe.
 class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track<
                                v1::PointTracking::WithCallbackMethod_GetServerInfo<v1::PointTracking::Service>> {
  public:
@@ -32,8 +35,9 @@ class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track
     int max_streams = 64;                             // open at once, those without a session included
     absl::Duration grace_period = absl::Seconds(20);  // of a drain: for sessions to finish by themselves
   };
-  // 'clock' and 'events' must outlive the service.
-  TrackService(const Options& options, Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log);
+  // 'gatekeeper', 'clock' and 'events' must outlive the service.
+  TrackService(const Options& options, Gatekeeper& gatekeeper, Clock& clock, ServerEvents& events,
+               std::shared_ptr<spdlog::logger> log);
   // Blocks until the last stream is gone. REQUIRES: the gRPC server is shut down.
   ~TrackService() override;
 
@@ -49,7 +53,8 @@ class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track
                                           v1::GetServerInfoResponse* response) override ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
-  absl::Status AdmitLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The engine for one more stream.
+  absl::StatusOr<Engine*> AdmitLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Retire(TrackReactor* reactor) ABSL_LOCKS_EXCLUDED(mutex_);
   void KeepHouse() ABSL_LOCKS_EXCLUDED(mutex_);
   void DestroyRetired() ABSL_LOCKS_EXCLUDED(mutex_);
@@ -58,6 +63,7 @@ class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track
   bool IdleLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return alive_ == 0; }
 
   const Options options_;
+  Gatekeeper& gatekeeper_;
   Clock& clock_;
   ServerEvents& events_;
   const std::shared_ptr<spdlog::logger> log_;

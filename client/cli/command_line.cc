@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/command_line.h"
 
+#include <algorithm>
 #include <memory>
 #include <utility>
 
 #include "absl/flags/flag.h"
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -13,12 +15,21 @@
 #include "client/cli/load_command.h"
 #include "client/cli/track_command.h"
 #include "client/remote_tracker.h"
+#include "io/file_io.h"
 
 ABSL_FLAG(std::string, server, "localhost:50051",
           "Connects to the tracking server at this host:port. Of several, host:port,host:port, the first that answers; "
           "the others take over when it is lost.");
 ABSL_FLAG(absl::Duration, connect_timeout, holdfast::RemoteTracker::Options().connect_timeout,
           "Gives up when the connection does not stand after this time.");
+ABSL_FLAG(bool, tls, false, "Speaks TLS with the server, as the other flags that begin with tls do by themselves.");
+ABSL_FLAG(std::string, tls_ca, "",
+          "Trusts servers with a certificate of an authority of this file (PEM). Empty: those that the system trusts.");
+ABSL_FLAG(std::string, tls_cert, "", "Shows the server the certificate of this file (PEM).");
+ABSL_FLAG(std::string, tls_key, "", "Has the private key of --tls_cert in this file (PEM).");
+ABSL_FLAG(std::string, tls_server_name, "",
+          "Expects this name in the server's certificate. Empty: the host of --server.");
+ABSL_FLAG(std::string, token_file, "", "Shows the server the token that this file holds.");
 ABSL_FLAG(bool, resume, holdfast::RemoteTracker::Options().resume,
           "Goes on where it was when the server is lost and comes back, or another one of --server takes over.");
 ABSL_FLAG(int64_t, buffer_mib, holdfast::RemoteTracker::Options().buffer_bytes >> 20,
@@ -67,6 +78,7 @@ constexpr int kOk = 0;
 constexpr int kFailed = 1;
 constexpr int kUsage = 2;
 constexpr int64_t kMaxBufferMib = 1 << 20;
+constexpr int64_t kMaxTokenFileBytes = 4096;
 
 constexpr char kUsageText[] = R"(Tracks points through video with a Holdfast server.
 
@@ -87,7 +99,9 @@ Example: holdfast track walk.mp4 --grid=100 --out=tracks.json --overlay=overlay.
 
 std::string Help() {
   return absl::StrCat(
-      kUsageText, "\nServer (all commands):\n", DescribeFlags({"server", "connect_timeout"}),
+      kUsageText, "\nServer (all commands):\n",
+      DescribeFlags(
+          {"server", "connect_timeout", "tls", "tls_ca", "tls_cert", "tls_key", "tls_server_name", "token_file"}),
       "\nWhen the server is lost (track):\n", DescribeFlags({"resume", "buffer_mib", "reconnect_timeout"}),
       "\nPoints (track; at least one of points, grid and mask):\n",
       DescribeFlags({"points", "grid", "mask", "query_frame"}),
@@ -160,17 +174,6 @@ absl::StatusOr<LoadOptions> LoadOptionsFromFlags(const std::string& input) {
   return options;
 }
 
-RemoteTracker::Options ServerFromFlags() {
-  RemoteTracker::Options options;
-  options.addresses = absl::StrSplit(absl::GetFlag(FLAGS_server), ',', absl::SkipEmpty());
-  options.connect_timeout = absl::GetFlag(FLAGS_connect_timeout);
-  options.resume = absl::GetFlag(FLAGS_resume);
-  options.buffer_bytes = absl::GetFlag(FLAGS_buffer_mib) << 20;
-  options.reconnect_timeout = absl::GetFlag(FLAGS_reconnect_timeout);
-  return options;
-}
-
-// What is wrong with the flags themselves, before a server is looked for.
 absl::Status CheckServerFlags() {
   if (absl::GetFlag(FLAGS_buffer_mib) < 1 || absl::GetFlag(FLAGS_buffer_mib) > kMaxBufferMib) {
     return absl::InvalidArgumentError(absl::StrCat("--buffer_mib: expected 1..", kMaxBufferMib));
@@ -179,6 +182,52 @@ absl::Status CheckServerFlags() {
     return absl::InvalidArgumentError("--reconnect_timeout: expected 0 or more");
   }
   return absl::OkStatus();
+}
+
+ClientTls TlsFromFlags() {
+  ClientTls tls{absl::GetFlag(FLAGS_tls), absl::GetFlag(FLAGS_tls_ca), absl::GetFlag(FLAGS_tls_cert),
+                absl::GetFlag(FLAGS_tls_key), absl::GetFlag(FLAGS_tls_server_name)};
+  tls.enabled |= !tls.ca.empty() || !tls.cert.empty() || !tls.key.empty() || !tls.server_name.empty();
+  return tls;
+}
+
+// Empty where no file is named. No error quotes what the file holds.
+absl::StatusOr<std::string> TokenFromFlags() {
+  const std::string path = absl::GetFlag(FLAGS_token_file);
+  if (path.empty()) return "";
+  const absl::StatusOr<std::string> text = ReadFile(path, kMaxTokenFileBytes);
+  if (!text.ok()) return absl::InvalidArgumentError(absl::StrCat("--token_file: ", text.status().message()));
+  const absl::string_view token = absl::StripAsciiWhitespace(*text);
+  if (token.empty() || !CheckToken(token).ok()) {
+    return absl::InvalidArgumentError(absl::StrCat("--token_file=", path, ": expected one token and nothing else"));
+  }
+  return std::string(token);
+}
+
+bool IsThisMachine(absl::string_view address) {
+  return absl::StartsWith(address, "localhost:") || absl::StartsWith(address, "127.") ||
+         absl::StartsWith(address, "[::1]:");
+}
+
+// INVALID_ARGUMENT for what is wrong with the flags themselves, before a server is looked for.
+absl::StatusOr<RemoteTracker::Options> ServerFromFlags(const Console& console) {
+  if (absl::Status status = CheckServerFlags(); !status.ok()) return status;
+  RemoteTracker::Options options;
+  options.addresses = absl::StrSplit(absl::GetFlag(FLAGS_server), ',', absl::SkipEmpty());
+  options.tls = TlsFromFlags();
+  if (absl::Status status = options.tls.Validate(); !status.ok()) return status;
+  absl::StatusOr<std::string> token = TokenFromFlags();
+  if (!token.ok()) return token.status();
+  options.token = *std::move(token);
+  if (!options.token.empty() && !options.tls.enabled &&
+      !std::all_of(options.addresses.begin(), options.addresses.end(), IsThisMachine)) {
+    console.err << "holdfast: warning: the token travels in plain text; see --tls\n";
+  }
+  options.connect_timeout = absl::GetFlag(FLAGS_connect_timeout);
+  options.resume = absl::GetFlag(FLAGS_resume);
+  options.buffer_bytes = absl::GetFlag(FLAGS_buffer_mib) << 20;
+  options.reconnect_timeout = absl::GetFlag(FLAGS_reconnect_timeout);
+  return options;
 }
 
 // Texts of RemoteTracker begin with the program's name already.
@@ -194,9 +243,10 @@ int Track(const std::vector<std::string>& args, const Console& console, StopSign
   }
   const auto options = TrackOptionsFromFlags(args[0]);
   if (!options.ok()) return Fail(console, options.status(), kUsage);
-  if (const absl::Status flags = CheckServerFlags(); !flags.ok()) return Fail(console, flags, kUsage);
-  const auto connect = []() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
-    return RemoteTracker::Connect(ServerFromFlags());
+  const auto server = ServerFromFlags(console);
+  if (!server.ok()) return Fail(console, server.status(), kUsage);
+  const auto connect = [&server]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
+    return RemoteTracker::Connect(*server);
   };
   const absl::Status status = RunTrack(*options, {connect, stop, console.err, console.terminal});
   if (status.ok()) return kOk;
@@ -208,7 +258,9 @@ int Info(const std::vector<std::string>& args, const Console& console) {
   if (!args.empty()) {
     return Fail(console, absl::InvalidArgumentError(absl::StrCat("info: unexpected ", args[0])), kUsage);
   }
-  const auto tracker = RemoteTracker::Connect(ServerFromFlags());
+  const auto server = ServerFromFlags(console);
+  if (!server.ok()) return Fail(console, server.status(), kUsage);
+  const auto tracker = RemoteTracker::Connect(*server);
   if (!tracker.ok()) return Fail(console, tracker.status(), kFailed);
   const auto info = (*tracker)->Info();
   if (!info.ok()) return Fail(console, info.status(), kFailed);
@@ -222,9 +274,10 @@ int Load(const std::vector<std::string>& args, const Console& console, StopSigna
   }
   const auto options = LoadOptionsFromFlags(args[0]);
   if (!options.ok()) return Fail(console, options.status(), kUsage);
-  if (const absl::Status flags = CheckServerFlags(); !flags.ok()) return Fail(console, flags, kUsage);
-  const auto connect = [server = ServerFromFlags()]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
-    return RemoteTracker::Connect(server);
+  const auto server = ServerFromFlags(console);
+  if (!server.ok()) return Fail(console, server.status(), kUsage);
+  const auto connect = [&server]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
+    return RemoteTracker::Connect(*server);
   };
   const absl::Status status = RunLoad(*options, {connect, stop, console.out});
   return status.ok() ? kOk : Fail(console, status, kFailed);

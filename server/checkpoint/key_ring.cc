@@ -88,4 +88,10 @@ const SealingKey* KeyRing::Find(absl::string_view id) const {
   return found == keys_.end() ? nullptr : &*found;
 }
 
+absl::StatusOr<std::unique_ptr<KeyFile>> OpenKeyFile(std::string path, const Clock& clock,
+                                                     std::shared_ptr<spdlog::logger> log) {
+  const auto describe = [](const KeyRing& keys) { return absl::StrCat("sealing with ", keys.sealing().id); };
+  return KeyFile::Open({std::move(path), "checkpoint keys", KeyRing::Parse, describe}, clock, std::move(log));
+}
+
 }  // namespace holdfast

@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <spdlog/logger.h>
+
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "api/clock.h"
+#include "server/watched_file.h"
 
 namespace holdfast {
 
@@ -39,5 +44,10 @@ class KeyRing {
 
   std::vector<SealingKey> keys_;
 };
+
+// The keys of a file, which may be exchanged while the server runs.
+using KeyFile = WatchedFile<KeyRing>;
+absl::StatusOr<std::unique_ptr<KeyFile>> OpenKeyFile(std::string path, const Clock& clock,
+                                                     std::shared_ptr<spdlog::logger> log);
 
 }  // namespace holdfast

@@ -18,7 +18,7 @@ absl::StatusOr<std::unique_ptr<TokenSealer>> TokenSealer::Create(const Options& 
     if (!ring.ok()) return ring.status();
     random = std::make_shared<const KeyRing>(*std::move(ring));
   } else {
-    auto opened = KeyFile::Open(options.key_file, clock, std::move(log));
+    auto opened = OpenKeyFile(options.key_file, clock, std::move(log));
     if (!opened.ok()) return opened.status();
     file = *std::move(opened);
   }

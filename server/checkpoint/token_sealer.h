@@ -9,7 +9,6 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "api/clock.h"
-#include "server/checkpoint/key_file.h"
 #include "server/checkpoint/key_ring.h"
 #include "server/engine/checkpoint_sealer.h"
 
@@ -35,7 +34,7 @@ class TokenSealer final : public CheckpointSealer {
   TokenSealer(absl::Duration max_age, const Clock& clock, std::unique_ptr<KeyFile> file,
               std::shared_ptr<const KeyRing> random)
       : max_age_(max_age), clock_(clock), file_(std::move(file)), random_(std::move(random)) {}
-  std::shared_ptr<const KeyRing> Keys() const { return file_ == nullptr ? random_ : file_->Keys(); }
+  std::shared_ptr<const KeyRing> Keys() const { return file_ == nullptr ? random_ : file_->Current(); }
 
   const absl::Duration max_age_;
   const Clock& clock_;

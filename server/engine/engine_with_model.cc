@@ -104,7 +104,7 @@ class EngineImpl final : public Engine {
   EngineImpl(const EngineOptions& options, std::optional<Calibration> calibration, std::unique_ptr<TrackerModel> model,
              Clock& clock, EngineMetrics& metrics)
       : options_(options),
-        calibration_(std::move(calibration)),
+        calibration_(calibration),
         model_(std::move(model)),
         clock_(clock),
         metrics_(metrics),
@@ -192,7 +192,7 @@ class EngineImpl final : public Engine {
     if (absl::Status status = CheckState(*state, options.windows, model_->info().channels); !status.ok()) return status;
     options.inbox.resumed = ResumedInbox(*state);
     const int64_t points = static_cast<int64_t>(options.inbox.resumed->ids.size());
-    return CheckPointCount(points, options_.limits.max_points);
+    return CheckPointCount(points, options.inbox.limits.max_points);
   }
 
   static SessionAccepted DefaultSession(const TrackerInfo& info) {
@@ -225,8 +225,8 @@ class EngineImpl final : public Engine {
   Session::Options MakeOptions(const SessionConfig& config, const SessionAccepted& accepted) const {
     Session::Options options;
     options.accepted = accepted;
-    options.inbox.format = {config.encoding, config.raw_size, options_.limits.max_frame_pixels};
-    options.inbox.limits = options_.limits;
+    options.inbox.format = {config.encoding, config.raw_size, accepted.limits.max_frame_pixels};
+    options.inbox.limits = accepted.limits;
     options.inbox.max_pending_frames = options_.max_pending_frames;
     options.windows.frames = accepted.window_frames;
     options.windows.hop = accepted.hop_frames;
@@ -274,7 +274,7 @@ absl::StatusOr<std::unique_ptr<Engine>> CreateEngineWithModel(const EngineOption
     if (!parsed.ok()) return parsed.status();
     calibration = *std::move(parsed);
   }
-  return std::make_unique<EngineImpl>(options, std::move(calibration), std::move(model), clock, metrics);
+  return std::make_unique<EngineImpl>(options, calibration, std::move(model), clock, metrics);
 }
 
 }  // namespace holdfast

@@ -27,11 +27,15 @@ class ServerProcess:
             stderr=self.log, env=environment, cwd=directory)
         while not ports.exists():
             if self._ended_within(0.05):
-                self.log.seek(0)
-                raise RuntimeError(f"the server ended with {self.process.returncode}: {self.log.read()}")
+                self._fail()
         lines = dict(line.split("=") for line in ports.read_text().split())
         self.address = f"127.0.0.1:{lines['grpc']}"
         self.metrics = f"http://127.0.0.1:{lines['metrics']}/metrics"
+
+    def _fail(self):
+        with self.directory, self.log:
+            self.log.seek(0)
+            raise RuntimeError(f"the server ended with {self.process.returncode}: {self.log.read()}")
 
     def _ended_within(self, seconds):
         try:

@@ -73,14 +73,14 @@ void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options,
   }
 }
 
-void CheckPromise(const SessionConfig& config, const EngineOptions& options, Violations& violations) {
+void CheckPromise(const SessionConfig& config, const SessionLimits& limits, Violations& violations) {
   if (!(config.frames_per_second >= 0 && config.frames_per_second <= kMaxFramesPerSecond)) {  // nor is NaN
     violations.Add("config.frames_per_second",
                    absl::StrCat("is ", config.frames_per_second, ", expected 0 .. ", kMaxFramesPerSecond));
   }
-  if (config.expected_points < 0 || config.expected_points > options.limits.max_points) {
+  if (config.expected_points < 0 || config.expected_points > limits.max_points) {
     violations.Add("config.expected_points",
-                   absl::StrCat("is ", config.expected_points, ", expected 0 .. ", options.limits.max_points));
+                   absl::StrCat("is ", config.expected_points, ", expected 0 .. ", limits.max_points));
   }
 }
 
@@ -88,9 +88,11 @@ void CheckPromise(const SessionConfig& config, const EngineOptions& options, Vio
 
 absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const EngineOptions& options,
                                           const ModelInfo& model) {
-  const int64_t count = static_cast<int64_t>(config.points.size());
-  if (absl::Status status = CheckPointCount(count, options.limits.max_points); !status.ok()) return status;
   SessionAccepted accepted;
+  accepted.limits = options.limits;
+  if (config.max_points > 0) accepted.limits.max_points = std::min(config.max_points, options.limits.max_points);
+  const int64_t count = static_cast<int64_t>(config.points.size());
+  if (absl::Status status = CheckPointCount(count, accepted.limits.max_points); !status.ok()) return status;
   accepted.processing_size = config.processing_size.empty() ? options.processing_size : config.processing_size;
   accepted.window_frames = model.window_frames;
   accepted.hop_frames = config.hop_frames == 0 ? DefaultHop(options, model.window_frames) : config.hop_frames;
@@ -98,14 +100,13 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   accepted.emit = config.emit;
   accepted.motion_prior = Switch(config.motion_prior, options.motion_prior, options);
   accepted.polish = Switch(config.polish, options.polish, options);
-  accepted.limits = options.limits;
   accepted.checkpoint_interval_frames = config.checkpoint_interval_frames;
   Violations violations;
   CheckRawSize(config, options, violations);
   CheckProcessingSize(accepted.processing_size, options, violations);
   CheckNumbers(accepted, options, violations);
   CheckMotion(config, accepted, options, violations);
-  CheckPromise(config, options, violations);
+  CheckPromise(config, accepted.limits, violations);
   if (config.label.size() > kMaxLabelBytes) {
     violations.Add("config.label",
                    absl::StrCat("has ", config.label.size(), " bytes, expected at most ", kMaxLabelBytes));

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/checkpoint/key_file.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <spdlog/sinks/ostream_sink.h>
@@ -11,6 +9,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "server/checkpoint/key_ring.h"
 #include "tests/support/simulated_clock.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -34,12 +33,12 @@ class KeyFileTest : public ::testing::Test {
   }
   void WriteKey(const std::string& id) const { Write(absl::StrCat(id, ":", kSecret, "\n")); }
   void Open() {
-    auto file = KeyFile::Open(path_, clock_, log_);
+    auto file = OpenKeyFile(path_, clock_, log_);
     ASSERT_THAT(file, IsOk());
     file_ = *std::move(file);
   }
-  std::string SealingId() { return file_->Keys()->sealing().id; }
-  void Wait() { clock_.Advance(KeyFile::kCheckPeriod); }
+  std::string SealingId() { return file_->Current()->sealing().id; }
+  void Wait() { clock_.Advance(kFileCheckPeriod); }
 
   const TempDir dir_;
   const std::string path_ = dir_.File("keys");
@@ -64,7 +63,7 @@ TEST_F(KeyFileTest, AChangedFileIsReadAgainOnceASecond) {
 TEST_F(KeyFileTest, KeysInUseStayWhatTheyAre) {
   WriteKey("one");
   Open();
-  const auto keys = file_->Keys();
+  const auto keys = file_->Current();
   WriteKey("two");
   Wait();
   EXPECT_EQ(SealingId(), "two");
@@ -103,12 +102,12 @@ TEST_F(KeyFileTest, AFileThatIsWrongOrGoneChangesNothingAndIsWarnedOfOnce) {
 }
 
 TEST_F(KeyFileTest, AServerDoesNotStartWithAWrongFile) {
-  EXPECT_THAT(KeyFile::Open(path_, clock_, log_), StatusIs(absl::StatusCode::kNotFound, HasSubstr(path_)));
+  EXPECT_THAT(OpenKeyFile(path_, clock_, log_), StatusIs(absl::StatusCode::kNotFound, HasSubstr(path_)));
   Write("nonsense");
-  EXPECT_THAT(KeyFile::Open(path_, clock_, log_),
+  EXPECT_THAT(OpenKeyFile(path_, clock_, log_),
               StatusIs(absl::StatusCode::kInvalidArgument, AllOf(HasSubstr(path_), HasSubstr("line 1"))));
-  Write(std::string(KeyFile::kMaxFileBytes + 1, '#'));
-  EXPECT_THAT(KeyFile::Open(path_, clock_, log_), StatusIs(absl::StatusCode::kResourceExhausted));
+  Write(std::string(kMaxWatchedFileBytes + 1, '#'));
+  EXPECT_THAT(OpenKeyFile(path_, clock_, log_), StatusIs(absl::StatusCode::kResourceExhausted));
 }
 
 }  // namespace

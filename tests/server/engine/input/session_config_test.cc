@@ -103,6 +103,23 @@ TEST(SessionConfigTest, BoundsTheProcessingSizeAndThePoints) {
       << "counted before anything else";
 }
 
+TEST(SessionConfigTest, ASessionMayHaveFewerPointsThanTheEngineAllowsButNotMore) {
+  EngineOptions options;
+  options.limits.max_points = 3;
+  SessionConfig config;
+  config.points = {{1}, {2}};
+  EXPECT_EQ(Negotiate(config, options, {})->limits.max_points, 3);
+  config.max_points = 2;
+  EXPECT_EQ(Negotiate(config, options, {})->limits.max_points, 2);
+  config.max_points = 1;
+  EXPECT_THAT(Negotiate(config, options, {}), StatusIs(absl::StatusCode::kResourceExhausted));
+  config.max_points = 1000;
+  EXPECT_EQ(Negotiate(config, options, {})->limits.max_points, 3);
+  config.max_points = 2;
+  config.expected_points = 3;
+  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.expected_points"));
+}
+
 TEST(SessionConfigTest, NamesTheFirstViolationsAndCountsTheRest) {
   SessionConfig config;
   config.hop_frames = 24;

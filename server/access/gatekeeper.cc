@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/access/gatekeeper.h"
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include "api/errors.h"
+
+namespace holdfast {
+namespace {
+
+constexpr absl::string_view kScheme = "bearer ";                 // its case plays no part
+constexpr absl::Duration kLogPeriod = absl::Seconds(10);         // a stranger shall not fill the log
+constexpr absl::Duration kRetryAfterSession = absl::Seconds(2);  // some session of the caller may have ended by then
+
+// Empty where there is none.
+absl::string_view TokenOf(absl::string_view authorization) {
+  if (!absl::StartsWithIgnoreCase(authorization, kScheme)) return "";
+  return authorization.substr(kScheme.size());
+}
+
+}  // namespace
+
+Gatekeeper::Pass::~Pass() {
+  if (owner_ != nullptr) owner_->Release(grant_.name);
+}
+
+absl::StatusOr<std::unique_ptr<Gatekeeper>> Gatekeeper::Create(const std::string& token_file, const Clock& clock,
+                                                               std::shared_ptr<spdlog::logger> log) {
+  std::unique_ptr<AccessFile> file;
+  if (!token_file.empty()) {
+    auto opened = OpenAccessFile(token_file, clock, log);
+    if (!opened.ok()) return opened.status();
+    file = *std::move(opened);
+  }
+  return std::unique_ptr<Gatekeeper>(new Gatekeeper(std::move(file), clock, std::move(log)));
+}
+
+absl::StatusOr<Grant> Gatekeeper::Check(absl::string_view authorization, absl::string_view peer) {
+  if (file_ == nullptr) return Grant();
+  const absl::string_view token = TokenOf(authorization);
+  const std::shared_ptr<const AccessList> list = file_->Current();
+  if (token.size() <= AccessList::kMaxTokenBytes) {
+    if (const Grant* grant = list->Find(token); grant != nullptr) return *grant;
+  }
+  LogRefusal(peer);
+  return absl::UnauthenticatedError(token.empty() ? "expected a token in the metadata: authorization: Bearer TOKEN"
+                                                  : "the token is not one that this server knows");
+}
+
+absl::StatusOr<Gatekeeper::Pass> Gatekeeper::Admit(absl::string_view authorization, absl::string_view peer) {
+  absl::StatusOr<Grant> grant = Check(authorization, peer);
+  if (!grant.ok()) return grant.status();
+  if (grant->name.empty()) return Pass();
+  absl::MutexLock lock(&mutex_);
+  int& open = open_[grant->name];
+  if (grant->max_sessions > 0 && open >= grant->max_sessions) {
+    return OverloadError("sessions", absl::StrCat("all ", grant->max_sessions, " of ", grant->name, " are open"),
+                         kRetryAfterSession);
+  }
+  ++open;
+  return Pass(this, *std::move(grant));
+}
+
+void Gatekeeper::Release(const std::string& name) {
+  absl::MutexLock lock(&mutex_);
+  const auto found = open_.find(name);
+  if (--found->second == 0) open_.erase(found);
+}
+
+void Gatekeeper::LogRefusal(absl::string_view peer) {
+  int64_t others;
+  {
+    absl::MutexLock lock(&mutex_);
+    ++unlogged_;
+    const SteadyTime now = clock_.SteadyNow();
+    if (logged_ && Between(*logged_, now) < kLogPeriod) return;
+    logged_ = now;
+    others = std::exchange(unlogged_, 0) - 1;
+  }
+  log_->warn(absl::StrCat("refused ", peer, ": no token, or an unknown one", others > 0 ? "; and " : "",
+                          others > 0 ? absl::StrCat(others, " more calls since the last such line") : ""));
+}
+
+}  // namespace holdfast
