@@ -51,7 +51,7 @@ void BM_Encode(benchmark::State& state, const char* preset) {
   const c10::InferenceMode guard;
   PointModel model = MakeModel(preset, state.range(0));
   const torch::Tensor picture = Pictures(1, state.range(1), state.range(2));
-  for (auto _ : state) benchmark::DoNotOptimize(model->Encode(picture));
+  for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(model->Encode(picture));
 }
 BENCHMARK_CAPTURE(BM_Encode, pips2, "pips2")->ArgsProduct({{kFloat, kHalf}, {384}, {512}})->UseRealTime();
 BENCHMARK_CAPTURE(BM_Encode, paper, "paper")->ArgsProduct({{kFloat, kHalf}, {512}, {896}})->UseRealTime();
@@ -65,7 +65,7 @@ void BM_UpdateBlock(benchmark::State& state, const char* preset) {
   block->to(TypeOf(state.range(0)));
   const torch::Tensor correlation = torch::randn({state.range(1), kFrames, options.CorrelationFeatures()});
   const torch::Tensor xy = torch::rand({state.range(1), kFrames, 2}) * 40;
-  for (auto _ : state) benchmark::DoNotOptimize(block->forward(correlation, xy));
+  for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(block->forward(correlation, xy));
   state.SetItemsProcessed(state.iterations() * state.range(1));
 }
 BENCHMARK_CAPTURE(BM_UpdateBlock, pips2, "pips2")->ArgsProduct({{kFloat, kHalf}, {1, 8, 64, 256}})->UseRealTime();
@@ -80,7 +80,7 @@ void BM_Correlation(benchmark::State& state) {
   views.Add(window, state.range(1));
   const torch::Tensor templates = torch::randn({state.range(1), kFrames, state.range(2), 128});
   const torch::Tensor xy = torch::rand({state.range(1), kFrames, 2}) * 60;
-  for (auto _ : state) benchmark::DoNotOptimize(Correlate(views, templates, xy, 3));
+  for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Correlate(views, templates, xy, 3));
 }
 BENCHMARK(BM_Correlation)->ArgsProduct({{kFloat, kHalf}, {256}, {1, 3}})->UseRealTime();
 
@@ -89,7 +89,7 @@ void BM_CorrelationGradient(benchmark::State& state) {
   const auto maps = torch::randn({kFrames, 64, 24, 32}).to(TypeOf(state.range(0))).requires_grad_();
   const torch::Tensor templates = torch::randn({64, kFrames, 3, 64}).requires_grad_();
   const torch::Tensor xy = torch::rand({64, kFrames, 2}) * 24;
-  for (auto _ : state) Correlate(BuildCells(maps, 4), templates, xy, 3).sum().backward();
+  for ([[maybe_unused]] auto _ : state) Correlate(BuildCells(maps, 4), templates, xy, 3).sum().backward();
 }
 BENCHMARK(BM_CorrelationGradient)->Arg(kFloat)->Arg(kHalf)->UseRealTime();
 
@@ -99,7 +99,7 @@ void BM_InstanceNorm(benchmark::State& state) {
   const torch::Tensor x = torch::randn({1, state.range(1), state.range(2), state.range(3)})
                               .to(TypeOf(state.range(0)))
                               .contiguous(torch::MemoryFormat::ChannelsLast);
-  for (auto _ : state) benchmark::DoNotOptimize(InstanceNormRelu(x));
+  for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(InstanceNormRelu(x));
 }
 BENCHMARK(BM_InstanceNorm)->ArgsProduct({{kFloat, kHalf}, {64}, {192}, {256}})->UseRealTime();
 
@@ -108,7 +108,7 @@ void BM_PatchAttention(benchmark::State& state) {
   const c10::InferenceMode guard;
   const torch::Tensor query = torch::randn({1, 64, 112, 128}).to(TypeOf(state.range(0)));
   const torch::Tensor value = torch::randn({1, 64, 112, 128}).to(TypeOf(state.range(0)));
-  for (auto _ : state) benchmark::DoNotOptimize(PatchAttention(query, value, {8, 7}));
+  for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(PatchAttention(query, value, {8, 7}));
 }
 BENCHMARK(BM_PatchAttention)->Arg(kFloat)->Arg(kHalf)->UseRealTime();
 
@@ -117,7 +117,7 @@ void BM_Window(benchmark::State& state, const char* preset) {
   const c10::InferenceMode guard;
   PointModel model = MakeModel(preset, state.range(0));
   const torch::Tensor pictures = Pictures(kFrames, state.range(1), state.range(2));
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     const WindowRows rows = MakeRows(model->Encode(pictures), state.range(3), model->options().correlation_levels);
     benchmark::DoNotOptimize(model->Refine({rows}, {state.range(4), false}));
   }
@@ -142,7 +142,7 @@ void BM_TrainingStep(benchmark::State& state) {
   PointModel model(options);
   const torch::Tensor pictures = Pictures(kFrames, 192, 256);
   const torch::Tensor start = (torch::rand({64, 1, 2}) * 23).repeat({1, kFrames, 1});
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     torch::Tensor loss = torch::zeros({});
     for (const auto& xy : model->Unroll(model->Encode(pictures), start, 3).positions) loss = loss + xy.abs().sum();
     loss.backward();

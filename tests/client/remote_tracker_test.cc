@@ -8,6 +8,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <numeric>
 #include <thread>
 
 #include "absl/synchronization/mutex.h"
@@ -268,8 +269,8 @@ TEST(RemoteTrackerTest, ResultsThatWaitWhenTheServerGivesUpAreDeliveredBeforeThe
   const absl::Status status = (*stream)->Finish();
   EXPECT_EQ(status.message(),
             "holdfast: server at " + service.address() + " is unavailable: shutting down (the last frame sent is 0)");
-  std::vector<float> expected;
-  for (int i = 0; i < kUpdates; ++i) expected.push_back(static_cast<float>(i));
+  std::vector<float> expected(kUpdates);
+  std::iota(expected.begin(), expected.end(), 0.0f);
   expected.push_back(-1);
   EXPECT_EQ(observer.events, expected);
 }

@@ -13,7 +13,6 @@ namespace holdfast {
 namespace {
 
 using ::testing::ElementsAre;
-using ::testing::IsEmpty;
 using Space = ReplayBuffer::Space;
 
 constexpr int64_t kPlenty = 1 << 20;

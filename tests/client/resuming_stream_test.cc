@@ -22,7 +22,6 @@ namespace holdfast {
 namespace {
 
 using ::testing::AllOf;
-using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -113,7 +112,7 @@ void ExpectEachFrameFinalOnce(const Observer& observer, int64_t frames) {
 }
 
 // A server whose session is cut after so many frames of each call.
-std::vector<ScriptedCall> CutAfter(std::vector<int64_t> frames) {
+std::vector<ScriptedCall> CutAfter(const std::vector<int64_t>& frames) {
   std::vector<ScriptedCall> calls;
   for (const int64_t count : frames) {
     calls.emplace_back();
@@ -342,7 +341,7 @@ TEST(ResumingStreamTest, AFullBufferWaitsForACheckpoint) {
   scripted.replay_frames = 2;
   ScriptedService server(scripted, calls);
   RemoteTracker::Options options = At({server.address()});
-  options.buffer_bytes = 24 * 10'500;  // 23 frames; 16 + 2 + 4 may have to be kept
+  options.buffer_bytes = int64_t{24} * 10'500;  // 23 frames; 16 + 2 + 4 may have to be kept
   Observer observer;
   auto stream = Open(options, observer);
   ASSERT_NE(stream, nullptr);

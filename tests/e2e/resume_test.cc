@@ -47,9 +47,9 @@ class ResumeTest : public ::testing::Test {
  protected:
   ResumeTest() : keys_(dir_.File("keys")) {
     std::ofstream(keys_) << "k1:" << std::string(64, 'a') << "\n";
-    std::vector<std::string> flags = {"--weights=" HOLDFAST_SOURCE_DIR "/tests/data/interim.safetensors",
-                                      "--precision=float32", "--compute_threads=1", "--grace_period=0s",
-                                      absl::StrCat("--checkpoint_keys=", keys_)};
+    std::vector<std::string> flags = {
+        absl::StrCat("--weights=", HOLDFAST_SOURCE_DIR, "/tests/data/interim.safetensors"), "--precision=float32",
+        "--compute_threads=1", "--grace_period=0s", absl::StrCat("--checkpoint_keys=", keys_)};
     flags_ = std::move(flags);
   }
 

@@ -66,6 +66,7 @@ class ServerProcess {
  private:
   void Spawn(const std::vector<std::string>& arguments, const std::string& log) {
     std::vector<char*> argv;
+    argv.reserve(arguments.size() + 1);
     for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
     argv.push_back(nullptr);
     posix_spawn_file_actions_t actions;

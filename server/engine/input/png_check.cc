@@ -19,7 +19,7 @@ namespace {
 
 constexpr absl::string_view kSignature("\x89PNG\r\n\x1A\n", 8);
 constexpr size_t kHeaderBytes = 13;
-constexpr int64_t kSpareBytes = 64 * 1024;  // some encoders append a little to the picture's data
+constexpr int64_t kSpareBytes = int64_t{64} * 1024;  // some encoders append a little to the picture's data
 
 struct Chunk {
   absl::string_view type, data;

@@ -50,7 +50,7 @@ class LoadSessionTest : public ::testing::Test {
     };
     return LoadSession(options_, make, clock_, wait).Run();
   }
-  LoadResult RunOnFake(FakeTracker::Behaviour behaviour = {Still}) {
+  LoadResult RunOnFake(const FakeTracker::Behaviour& behaviour = {Still}) {
     return Run([this, behaviour]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
       auto tracker = std::make_unique<FakeTracker>(behaviour);
       tracker_ = tracker.get();

@@ -40,7 +40,7 @@ inline cv::Mat Black(int width = 320, int height = 180) { return cv::Mat::zeros(
 
 // Of the brightest channel.
 inline int Brightness(const cv::Mat& picture, int x, int y) {
-  const cv::Vec3b p = picture.at<cv::Vec3b>(y, x);
+  const auto& p = picture.at<cv::Vec3b>(y, x);
   return std::max({p[0], p[1], p[2]});
 }
 
