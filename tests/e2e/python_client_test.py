@@ -3,38 +3,16 @@
 
 Usage: python_client_test.py HOLDFAST_SERVER PROTOC
 """
-import math
-import subprocess
 import sys
 import tempfile
 import unittest
 
 import grpc
 
-from server_process import SOURCE, ServerProcess
+from protocol import METHOD, generate, picture
+from server_process import ServerProcess
 
 WIDTH, HEIGHT, FRAMES = 128, 96, 32
-METHOD = "/holdfast.v1.PointTracking/"
-
-
-def generate(protoc, directory):
-    """Compiles the protocol to Python and imports it."""
-    subprocess.run([protoc, f"--proto_path={SOURCE / 'proto'}", f"--python_out={directory}",
-                    "google/rpc/status.proto", "google/rpc/error_details.proto",
-                    "holdfast/v1/point_tracking.proto"], check=True)
-    sys.path.insert(0, directory)
-    from google.rpc import error_details_pb2, status_pb2
-    from holdfast.v1 import point_tracking_pb2
-    return point_tracking_pb2, status_pb2, error_details_pb2
-
-
-def picture(index):
-    """A grey texture that moves one pixel to the right each frame, GRAY8."""
-    rows = []
-    for y in range(HEIGHT):
-        rows.append(bytes(int(128 + 60 * math.sin((x - index) * 0.35) * math.cos(y * 0.3) +
-                              40 * math.sin((x - index) * 0.11 + y * 0.17)) for x in range(WIDTH)))
-    return b"".join(rows)
 
 
 class PythonClientTest(unittest.TestCase):
@@ -47,7 +25,7 @@ class PythonClientTest(unittest.TestCase):
         cls.server = ServerProcess(cls.server_program, f"--processing_size={WIDTH}x{HEIGHT}", "--iterations=2",
                                    "--precision=float32", "--compute_threads=1")
         cls.channel = grpc.insecure_channel(cls.server.address)
-        cls.pictures = [picture(i) for i in range(FRAMES)]
+        cls.pictures = [picture(i, WIDTH, HEIGHT) for i in range(FRAMES)]
 
     @classmethod
     def tearDownClass(cls):
