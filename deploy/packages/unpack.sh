@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Usage: unpack.sh DIR
-# Fetches the Debian packages of tools.txt and leaves their programs in DIR. The packages must hold programs that need
-# nothing but libc, as those written in Go do. Does nothing when DIR was made of the same list before.
+# Fetches the Debian packages of tools.txt, and those that they depend on, as far as they are not installed. Leaves
+# their programs in DIR and their libraries in DIR/lib. Does nothing when DIR was made of the same list before.
 set -euo pipefail
 list=$(cd "$(dirname "$0")" && pwd)/tools.txt
 dir=$1
@@ -10,20 +10,24 @@ mapfile -t packages < <(grep -v '^#' "$list")
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-mkdir "$scratch/debs" "$scratch/bin"
+mkdir "$scratch/debs" "$scratch/root" "$scratch/bin" "$scratch/bin/lib"
 update=(apt-get -o DPkg::Lock::Timeout=300 update -qq)
+# Nothing is installed, so that neither root's rights nor apt's locks are needed.
+fetch=(apt-get install -qq --download-only --no-install-recommends -o Debug::NoLocking=1
+       -o "Dir::Cache::archives=$scratch/debs" "${packages[@]}")
 if [ "$(id -u)" = 0 ]; then
   chmod 755 "$scratch" && chown _apt "$scratch/debs"  # apt downloads as this user
 else
   update=(sudo "${update[@]}")
 fi
-cd "$scratch/debs"
 # apt's lists may be missing or old.
-apt-get download -qq "${packages[@]}" > ../apt.log 2>&1 || { "${update[@]}" && apt-get download -qq "${packages[@]}"; }
-for package in *.deb; do
-  dpkg-deb --fsys-tarfile "$package" | tar -x -C ../bin --strip-components=3 --wildcards './usr/bin/*'
+"${fetch[@]}" > "$scratch/apt.log" 2>&1 || { "${update[@]}" && "${fetch[@]}"; }
+for package in "$scratch"/debs/*.deb; do
+  [ -e "$package" ] || continue  # all of them are installed
+  dpkg-deb --extract "$package" "$scratch/root"
 done
-cd - > /dev/null
+find "$scratch/root/usr/bin" "$scratch/root/usr/sbin" -type f -executable -exec mv -t "$scratch/bin" {} \;
+find "$scratch/root/usr/lib" -path '*-linux-gnu/*.so*' -exec mv -t "$scratch/bin/lib" {} \;
 cp "$list" "$scratch/bin"
 rm -rf "$dir"
 mkdir -p "$(dirname "$dir")"
