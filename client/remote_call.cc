@@ -29,7 +29,8 @@ absl::Status RemoteCall::Finish() {
   v1::TrackResponse unread;
   while (call_->Read(&unread)) {
   }
-  return FromGrpcStatus(call_->Finish());
+  const grpc::Status status = call_->Finish();
+  return IsLostServer(status) ? absl::UnavailableError(status.error_message()) : FromGrpcStatus(status);
 }
 
 }  // namespace holdfast

@@ -40,7 +40,8 @@ class RemoteCall {
   bool Write(const v1::TrackRequest& request) { return call_->Write(request); }
   void WritesDone() { call_->WritesDone(); }
   bool Read(v1::TrackResponse* response) { return call_->Read(response); }
-  // Drops answers that were not read; blocks until the call is over. REQUIRES: called once, by the thread that reads.
+  // Drops answers that were not read; blocks until the call is over. UNAVAILABLE for every way of losing a server, and
+  // after Cancel. REQUIRES: called once, by the thread that reads.
   absl::Status Finish();
   void Cancel() { context_.TryCancel(); }
 

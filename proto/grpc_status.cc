@@ -104,13 +104,25 @@ google::rpc::Status ToRpcStatus(const absl::Status& status) {
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
   const google::rpc::Status rpc = ToRpcStatus(status);
-  return grpc::Status(static_cast<grpc::StatusCode>(rpc.code()), rpc.message(),
-                      rpc.details_size() > 0 ? rpc.SerializeAsString() : std::string());
+  return grpc::Status(static_cast<grpc::StatusCode>(rpc.code()), rpc.message(), rpc.SerializeAsString());
 }
 
 absl::Status FromRpcStatus(const google::rpc::Status& status) {
   if (status.code() == 0) return absl::OkStatus();
   return WithDetails(status, absl::Status(static_cast<absl::StatusCode>(status.code()), status.message()));
+}
+
+bool IsLostServer(const grpc::Status& status) {
+  switch (status.error_code()) {
+    case grpc::StatusCode::UNAVAILABLE:
+      return true;
+    case grpc::StatusCode::CANCELLED:
+    case grpc::StatusCode::INTERNAL:
+    case grpc::StatusCode::UNKNOWN:
+      return status.error_details().empty();
+    default:
+      return false;
+  }
 }
 
 absl::Status FromGrpcStatus(const grpc::Status& status) {

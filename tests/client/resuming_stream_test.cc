@@ -316,6 +316,31 @@ TEST(ResumingStreamTest, OtherErrorsEndTheSessionWhereverTheyCome) {
   EXPECT_THAT(running.seen(), SizeIs(1));
 }
 
+TEST(ResumingStreamTest, AProxysWayOfLosingAServerIsALossToo) {
+  auto calls = CutAfter({10, 5});
+  calls[0].end = grpc::Status(grpc::StatusCode::INTERNAL, "Received RST_STREAM with error code 2");
+  calls[1].end = grpc::Status(grpc::StatusCode::CANCELLED, "");
+  ScriptedService server(calls);
+  Observer observer;
+  auto stream = Open(At({server.address()}), observer);
+  ASSERT_NE(stream, nullptr);
+  EXPECT_THAT(PushAndFinish(*stream, 20), IsOk());
+  ExpectEachFrameFinalOnce(observer, 20);
+  EXPECT_THAT(observer.lost, ElementsAre(StatusIs(absl::StatusCode::kUnavailable, HasSubstr("RST_STREAM")),
+                                         StatusIs(absl::StatusCode::kUnavailable)));
+}
+
+TEST(ResumingStreamTest, AServersOwnInternalErrorEndsTheSession) {
+  auto calls = CutAfter({10});
+  calls[0].end = ToGrpcStatus(absl::InternalError("an operator threw"));
+  ScriptedService server(calls);
+  Observer observer;
+  auto stream = Open(At({server.address()}), observer);
+  ASSERT_NE(stream, nullptr);
+  EXPECT_THAT(PushAndFinish(*stream, 20), StatusIs(absl::StatusCode::kInternal));
+  EXPECT_THAT(server.seen(), SizeIs(1));
+}
+
 TEST(ResumingStreamTest, ALossAfterTheHalfCloseIsMadeGood) {
   std::vector<ScriptedCall> calls(1);
   calls[0].ends_at_finish = true;

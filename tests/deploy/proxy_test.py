@@ -18,10 +18,10 @@ import grpc
 
 from fake_server import FakeServer
 from proxy_process import Haproxy, Nginx
-from tls_files import Authority
 from tools import DEPLOY, SOURCE
 
 sys.path.insert(0, str(SOURCE / "tests" / "e2e"))
+from certificates import Authority  # noqa: E402
 from protocol import generate  # noqa: E402
 from server_process import ServerProcess  # noqa: E402
 from track_client import HEIGHT, WIDTH, Client, FinalTracks  # noqa: E402

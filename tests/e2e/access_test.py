@@ -47,7 +47,8 @@ class AccessTest(unittest.TestCase):
     def holdfast(self, command, server, *flags, host=None):
         environment = {name: value for name, value in os.environ.items() if not name.startswith("HOLDFAST_")}
         address = server.address if host is None else f"{host}:{server.address.rsplit(':')[-1]}"
-        return subprocess.run([self.client_program, *command, f"--server={address}", *map(str, flags)], capture_output=True, text=True, timeout=180, env=environment)
+        return subprocess.run([self.client_program, *command, f"--server={address}", *map(str, flags)],
+                              capture_output=True, text=True, timeout=180, env=environment)
 
     def info(self, server, *flags, **where):
         return self.holdfast(["info"], server, *flags, **where)
@@ -82,7 +83,7 @@ class TlsTest(AccessTest):
         cls.identity = cls.folder / "served.pem", cls.folder / "served.key"
         put(cls.authority.issue("server"), cls.identity)
         cls.flags = [f"--tls_cert={cls.identity[0]}", f"--tls_key={cls.identity[1]}"]
-        cls.trust = f"--tls_ca={cls.authority.cert}"
+        cls.trust = f"--tls_ca={cls.authority.certificate}"
         cls.server = cls.serve(*cls.flags)
 
     def test_tracks_for_whom_trusts_the_authority_and_for_nobody_else(self):
@@ -92,7 +93,7 @@ class TlsTest(AccessTest):
                                          f"--out={tracks}"))
         self.assertEqual(len(json.loads(tracks.read_text())["points"]), 4)
         self.assert_let_in(self.info(server, self.trust, host="localhost"))
-        self.assert_kept_out(self.refused_info(server, f"--tls_ca={self.stranger.cert}"), server.address)
+        self.assert_kept_out(self.refused_info(server, f"--tls_ca={self.stranger.certificate}"), server.address)
         self.assert_kept_out(self.refused_info(server, "--tls"), server.address)  # the system trusts other authorities
         self.assert_kept_out(self.refused_info(server), server.address)  # plain text
 
@@ -112,7 +113,7 @@ class TlsTest(AccessTest):
     def test_clients_show_a_certificate_of_an_authority_that_can_be_exchanged(self):
         clients = Authority(self.folder, "clients")
         believed = self.folder / "believed.pem"
-        put([clients.cert], [believed])
+        put([clients.certificate], [believed])
         server = self.serve(*self.flags, f"--tls_client_ca={believed}")
 
         def ask(authority):
@@ -124,14 +125,14 @@ class TlsTest(AccessTest):
         self.assert_let_in(ours())
         self.assert_kept_out(self.refused_info(server, self.trust))
         self.assert_kept_out(strangers())
-        put([self.stranger.cert], [believed])
+        put([self.stranger.certificate], [believed])
         self.assert_kept_out(self.eventually(False, ours))
         self.assert_let_in(self.eventually(True, strangers))
 
     def test_speaks_tls_1_2_or_newer(self):
         def handshake(version):
             return subprocess.run(["openssl", "s_client", "-connect", self.server.address, f"-{version}", "-alpn", "h2",
-                                   "-cipher", "ALL:@SECLEVEL=0", "-CAfile", self.authority.cert],
+                                   "-cipher", "ALL:@SECLEVEL=0", "-CAfile", self.authority.certificate],
                                   stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
 
         for version in ("tls1", "tls1_1"):
@@ -145,7 +146,7 @@ class TlsTest(AccessTest):
         other_key = self.stranger.issue("server")[1]
         for flags, says in (
                 ([self.flags[0]], "tls_key is empty"),
-                ([f"--tls_client_ca={self.authority.cert}"], "tls_client_ca"),
+                ([f"--tls_client_ca={self.authority.certificate}"], "tls_client_ca"),
                 (["--tls_cert=/nowhere.pem", self.flags[1]], "--tls_cert=/nowhere.pem"),
                 ([self.flags[0], f"--tls_key={other_key}"], f"--tls_key={other_key}"),
                 ([*self.flags, f"--tls_client_ca={other_key}"], f"--tls_client_ca={other_key}")):

@@ -12,19 +12,20 @@ def openssl(*args):
 
 
 class Authority:
-    """Certificate in 'cert' of the folder; issue() signs those of others."""
+    """Its own files are 'certificate' and 'key'; issue() signs those of others."""
 
     def __init__(self, folder, name):
         self.folder, self.name = pathlib.Path(folder), name
-        self.cert, self.key = self.folder / f"{name}.pem", self.folder / f"{name}.key"
-        openssl("req", "-x509", *NEW_KEY, "-days", 1, "-subj", f"/CN={name}", "-keyout", self.key, "-out", self.cert)
+        self.certificate, self.key = self.folder / f"{name}.pem", self.folder / f"{name}.key"
+        openssl("req", "-x509", *NEW_KEY, "-days", 1, "-subj", f"/CN={name}", "-keyout", self.key, "-out",
+                self.certificate)
 
     def issue(self, name, alternative_names="DNS:localhost,IP:127.0.0.1", days=1):
         """Certificate and key of 'name'; with negative days it has expired."""
         cert, key, request = (self.folder / f"{self.name}-{name}.{end}" for end in ("pem", "key", "csr"))
         openssl("req", "-new", *NEW_KEY, "-subj", f"/CN={name}", "-addext", f"subjectAltName={alternative_names}",
                 "-keyout", key, "-out", request)
-        openssl("x509", "-req", "-in", request, "-CA", self.cert, "-CAkey", self.key, "-days", days,
+        openssl("x509", "-req", "-in", request, "-CA", self.certificate, "-CAkey", self.key, "-days", days,
                 "-copy_extensions", "copy", "-out", cert)
         return cert, key
 

@@ -29,7 +29,7 @@ TEST(GrpcStatusTest, CodesAndTextsOfPlainErrorsAreKept) {
   const grpc::Status status = ToGrpcStatus(absl::UnavailableError("the server is shutting down"));
   EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE);
   EXPECT_EQ(status.error_message(), "the server is shutting down");
-  EXPECT_THAT(status.error_details(), IsEmpty());
+  EXPECT_THAT(status.error_details(), Not(IsEmpty()));
   EXPECT_THAT(FromGrpcStatus(status),
               StatusIs(absl::StatusCode::kUnavailable, HasSubstr("the server is shutting down")));
 }
@@ -79,6 +79,17 @@ TEST(GrpcStatusTest, TextsOfInternalErrorsStayInside) {
     EXPECT_THAT(sent.error_message(), Not(HasSubstr("secret")));
     EXPECT_THAT(sent.error_message(), Not(HasSubstr("token")));
   }
+}
+
+TEST(GrpcStatusTest, AnErrorThatNoServerWroteIsALostServer) {
+  for (const auto code : {grpc::StatusCode::CANCELLED, grpc::StatusCode::INTERNAL, grpc::StatusCode::UNKNOWN}) {
+    EXPECT_TRUE(IsLostServer(grpc::Status(code, "Received RST_STREAM with error code 2")));
+  }
+  EXPECT_TRUE(IsLostServer(ToGrpcStatus(absl::UnavailableError("the server is shutting down"))));
+  EXPECT_FALSE(IsLostServer(ToGrpcStatus(absl::InternalError("an operator threw"))));
+  EXPECT_FALSE(IsLostServer(ToGrpcStatus(absl::UnknownError(""))));
+  EXPECT_FALSE(IsLostServer(grpc::Status(grpc::StatusCode::UNIMPLEMENTED, "")));
+  EXPECT_FALSE(IsLostServer(grpc::Status::OK));
 }
 
 TEST(GrpcStatusTest, EverythingFitsIntoTrailingMetadata) {
