@@ -30,7 +30,7 @@ class ProxyProcess:
         self.temporary = tempfile.TemporaryDirectory(prefix="holdfast-proxy-")
         self.directory = pathlib.Path(self.temporary.name)
         self.listener = socket.create_server(("127.0.0.1", 0))  # which the proxy inherits: nobody can take its port
-        self.listener.set_inheritable(True)
+        self.listener.setblocking(False)  # or a process of the proxy hangs where another one was faster to accept
         self.address = "127.0.0.1:%d" % self.listener.getsockname()[1]
         self.servers, self.certificate, self.key = servers, certificate, key
         self.config = self.directory / self.CONFIG
