@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two servers behind a real HAProxy and a real nginx, as deploy/ configures them, and a client that verifies TLS.
 
-Usage: proxy_test.py HOLDFAST_SERVER PROTOC
+Usage: proxy_test.py HOLDFAST_SERVER PROTOC HOLDFAST
 """
+import json
 import os
 import pathlib
 import secrets
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
@@ -23,7 +25,7 @@ from tools import DEPLOY, SOURCE
 sys.path.insert(0, str(SOURCE / "tests" / "e2e"))
 from certificates import Authority  # noqa: E402
 from protocol import generate  # noqa: E402
-from server_process import ServerProcess  # noqa: E402
+from server_process import VIDEO, ServerProcess  # noqa: E402
 from track_client import HEIGHT, WIDTH, Client, FinalTracks  # noqa: E402
 
 FRAMES = 40  # of a whole run: more than 1 MiB of RGB24, which is the longest request that nginx takes by default
@@ -37,10 +39,10 @@ LONGEST_PAUSE = 180  # seconds of silence that the shipped files must bear
 class Workbench:
     """What all tests share: programs, the protocol, keys, certificates, and the tracks of an undisturbed run."""
 
-    def __init__(self, server_program, protoc):
-        self.server_program = server_program
+    def __init__(self, server_program, protoc, client_program):
+        self.server_program, self.client_program = server_program, client_program
         self.temporary = tempfile.TemporaryDirectory(prefix="holdfast-proxies-")
-        directory = pathlib.Path(self.temporary.name)
+        directory = self.directory = pathlib.Path(self.temporary.name)
         self.protocol = generate(protoc, directory)[0]
         self.keys = directory / "keys"
         self.keys.write_text(f"test:{secrets.token_hex(32)}\n")
@@ -60,6 +62,18 @@ class Workbench:
 
     def client(self, address, authority=None, **options):
         return Client(self.protocol, address, (authority or self.authority).certificate, **options)
+
+    def run_holdfast(self, address, *flags):
+        """The command line as it tracks the demo's video; its tracks and what it says, when it is asked to wait."""
+        out = self.directory / f"{secrets.token_hex(8)}.json"
+        process = subprocess.Popen([self.client_program, "track", str(VIDEO), f"--server={address}", "--grid=6",
+                                    f"--out={out}", *flags], stderr=subprocess.PIPE, text=True)
+
+        def wait():
+            words = process.communicate(timeout=DEADLINE_SECONDS)[1]
+            return process.returncode, json.loads(out.read_text()) if out.exists() else None, words
+
+        return wait
 
     def track_directly(self, server):
         """The final tracks of a run that no proxy is part of."""
@@ -286,6 +300,23 @@ class ProxyBehaviour:
         self.assertEqual(read_to_end(session, FinalTracks()), self.undisturbed)
         self.assertEqual(servers[first].process.wait(DEADLINE_SECONDS), 0)
 
+    def test_the_command_line_goes_on_when_its_server_is_killed(self):
+        proxy, servers = self.start_all("--processing_size=256x192")
+        code, undisturbed, words = self.bench.run_holdfast(servers[0].address)()
+        self.assertEqual(code, 0, words)
+        tracked = 'holdfast_frames_total{result="tracked"}'
+        before = [server.metric(tracked) for server in servers]
+        wait = self.bench.run_holdfast(proxy.address, f"--tls_ca={self.bench.authority.certificate}")
+        wait_until(lambda: any(map(sessions, servers)), "there is no session")
+        first = self.holder(servers)
+        servers[first].wait_for_metric(tracked, before[first] + 16)
+        servers[first].kill()
+        code, tracks, words = wait()
+        self.assertEqual(code, 0, words)
+        self.assertTrue(tracks["complete"])
+        self.assertEqual(servers[1 - first].metric('holdfast_resumes_total{result="resumed"}'), 1)
+        self.assertEqual(tracks["points"], undisturbed["points"])
+
     def test_a_dead_server_is_passed_over(self):
         proxy, servers = self.start_all()
         session = self.open_session(proxy)
@@ -328,5 +359,5 @@ class NginxTest(ProxyBehaviour, unittest.TestCase):
 
 
 if __name__ == "__main__":
-    ProxyBehaviour.bench = Workbench(*(str(pathlib.Path(argument).resolve()) for argument in sys.argv[1:3]))
+    ProxyBehaviour.bench = Workbench(*(str(pathlib.Path(argument).resolve()) for argument in sys.argv[1:4]))
     unittest.main(argv=sys.argv[:1], verbosity=2)
