@@ -56,7 +56,10 @@ FrameBatch TakeFrameBatch(const std::vector<Session*>& in_turn, int64_t max_fram
   FrameBatch batch;
   const std::vector<int64_t> shares = FairShares(wanted, max_frames);
   for (size_t i = 0; i < sessions.size(); ++i) {
-    if (shares[i] > 0) batch.parts.push_back({sessions[i], sessions[i]->TakeFrames(shares[i])});
+    if (shares[i] == 0) continue;
+    std::vector<DecodedFrame> frames = sessions[i]->TakeFrames(shares[i]);
+    if (frames.empty()) continue;  // it was cancelled or suspended since it said how many are ready
+    batch.parts.push_back({sessions[i], std::move(frames)});
   }
   return batch;
 }

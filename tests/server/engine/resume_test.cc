@@ -323,6 +323,18 @@ TEST_F(ResumeTest, SuspendingBeforeThereIsAnythingToKeepGivesNoCheckpoint) {
   EXPECT_THAT(session->PushFrame(Script::At(0)), StatusIs(absl::StatusCode::kUnavailable));
 }
 
+// The scheduler sees frames that are ready, and the session may be suspended before it takes them.
+TEST_F(ResumeTest, ASessionMayBeSuspendedAtAnyMoment) {
+  for (int round = 0; round < 1500; ++round) {
+    RecordingListener listener;
+    auto session = Open(Config({{1, 10, 10}}), listener);
+    ASSERT_NE(session, nullptr);
+    for (int64_t i = 0; i < 30; ++i) ASSERT_THAT(listener.Push(*session, MakeFrame(i)), IsOk());
+    session->Suspend(absl::UnavailableError("going away"));
+    EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
+  }
+}
+
 TEST_F(ResumeTest, SuspendingWhileItFinishesLosesNothing) {
   const SessionConfig config = MakeConfig();
   const Tracks expected = Uninterrupted(config);
