@@ -28,7 +28,7 @@ TEST(AnswerTimesTest, CountsTheFirstEstimateOfEachFrame) {
   EXPECT_EQ(times.Answered(UpdateOf(2, 2)), 4);  // after 1200 and 1100 ms
   EXPECT_EQ(times.Answered(UpdateOf(2, 50)), 4) << "frames that were not sent";
   EXPECT_EQ(times.answered(), 4);
-  EXPECT_EQ(times.Summary(), "first estimate of a frame after 400 ms (median), 1100 ms (95 % of frames)\n");
+  EXPECT_EQ(times.Summary(), "first estimate of a frame after 400 ms (median), 1200 ms (95 % of frames)\n");
 }
 
 }  // namespace
