@@ -48,8 +48,12 @@ class ResumeTest : public ::testing::Test {
   ResumeTest() : keys_(dir_.File("keys")) {
     std::ofstream(keys_) << "k1:" << std::string(64, 'a') << "\n";
     std::vector<std::string> flags = {
-        absl::StrCat("--weights=", HOLDFAST_SOURCE_DIR, "/tests/data/interim.safetensors"), "--precision=float32",
-        "--compute_threads=1", "--grace_period=0s", absl::StrCat("--checkpoint_keys=", keys_)};
+        absl::StrCat("--weights=", HOLDFAST_SOURCE_DIR, "/tests/data/interim.safetensors"),
+        "--precision=float32",
+        "--compute_threads=1",
+        "--processing_size=128x96",
+        "--grace_period=0s",
+        absl::StrCat("--checkpoint_keys=", keys_)};
     flags_ = std::move(flags);
   }
 
