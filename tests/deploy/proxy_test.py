@@ -304,10 +304,12 @@ class ProxyBehaviour:
         proxy, servers = self.start_all("--processing_size=256x192")
         code, undisturbed, words = self.bench.run_holdfast(servers[0].address)()
         self.assertEqual(code, 0, words)
+        checkpoints = "holdfast_checkpoints_total"
+        before = [server.metric(checkpoints) for server in servers]
         wait = self.bench.run_holdfast(proxy.address, f"--tls_ca={self.bench.authority.certificate}")
         wait_until(lambda: any(map(sessions, servers)), "there is no session")
         first = self.holder(servers)
-        servers[first].wait_for_metric("holdfast_checkpoints_total", 1)
+        servers[first].wait_for_metric(checkpoints, before[first] + 1)
         servers[first].kill()
         code, tracks, words = wait()
         self.assertEqual(code, 0, words)
