@@ -49,12 +49,12 @@ TEST(AccessListTest, WhatIsNearlyATokenIsNone) {
 
 TEST(AccessListTest, NamesTheLineThatIsWrongAndQuotesNothing) {
   const std::string good = absl::StrCat("anne:", kAnnesToken, "\n");
-  for (const char* line : {"bob", ":secretsecretsecret", "bob:", "bob:secretsecret", "b b:secretsecretsecret",
-                           "bob:secretsecretsecret max_points=0", "bob:secretsecretsecret max_points=many",
-                           "bob:secretsecretsecret colour=1", "bob:secretsecret\xc3\xa4secret",
-                           "anne:secretsecretsecret"}) {
-    EXPECT_THAT(AccessList::Parse(good + line),
-                StatusIs(absl::StatusCode::kInvalidArgument, AllOf(HasSubstr("line 2"), Not(HasSubstr("secretsecret")))))
+  for (const char* line :
+       {"bob", ":secretsecretsecret", "bob:", "bob:secretsecret", "b b:secretsecretsecret",
+        "bob:secretsecretsecret max_points=0", "bob:secretsecretsecret max_points=many",
+        "bob:secretsecretsecret colour=1", "bob:secretsecret\xc3\xa4secret", "anne:secretsecretsecret"}) {
+    EXPECT_THAT(AccessList::Parse(good + line), StatusIs(absl::StatusCode::kInvalidArgument,
+                                                         AllOf(HasSubstr("line 2"), Not(HasSubstr("secretsecret")))))
         << line;
   }
   EXPECT_THAT(AccessList::Parse(absl::StrCat(good, "bob:", kAnnesToken)),
