@@ -254,6 +254,12 @@ torch::Tensor Clip(int64_t frames, int64_t height, int64_t width) {
   return torch::stack(clip);
 }
 
+// Of a network with stride 8, feature pixels. -> [2] float32
+torch::Tensor LastPlaceOfMaps(int64_t height, int64_t width) {
+  const int64_t x = width / 8 - 1, y = height / 8 - 1;
+  return torch::tensor({static_cast<float>(x), static_cast<float>(y)});
+}
+
 struct Unrolled {
   torch::Tensor positions;  // after the last iteration, feature pixels
   torch::Tensor gradient;   // of all parameters, one after the other
@@ -263,8 +269,8 @@ struct Unrolled {
 Unrolled TrainOnce(PointModel model, int64_t height, int64_t width) {
   model->zero_grad();
   const torch::Tensor maps = model->Encode(Clip(8, height, width));
-  const torch::Tensor xy = torch::tensor({{0.3, 0.4}, {0.7, 0.2}, {0.5, 0.8}}, torch::kFloat32) *
-                           torch::tensor({static_cast<float>(width / 8 - 1), static_cast<float>(height / 8 - 1)});
+  const torch::Tensor xy =
+      torch::tensor({{0.3, 0.4}, {0.7, 0.2}, {0.5, 0.8}}, torch::kFloat32) * LastPlaceOfMaps(height, width);
   const auto trajectory = model->Unroll(maps, xy.unsqueeze(1).repeat({1, 8, 1}), 2);
   (trajectory.positions[0].abs().sum() + trajectory.positions[1].square().sum() +
    torch::sigmoid(trajectory.visibility_logit).sum())
@@ -319,7 +325,7 @@ TEST_P(Bfloat16NetworkTest, FeaturesCorrelationsAndWindowsAgreeWithFloat32) {
       ((rounded.to(torch::kFloat32) - map).square().mean().sqrt() / map.square().mean().sqrt()).item<double>();
 
   torch::manual_seed(7);
-  const torch::Tensor limit = torch::tensor({static_cast<float>(width / 8 - 1), static_cast<float>(height / 8 - 1)});
+  const torch::Tensor limit = LastPlaceOfMaps(height, width);
   const torch::Tensor xy = torch::rand({kPoints, 2}) * limit;
   const auto run = [&](PointModel& model, const torch::Tensor& maps) {
     const std::vector<FeaturePyramid> pyramids = BuildPyramids(maps, 4);

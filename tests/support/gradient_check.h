@@ -35,6 +35,7 @@ struct FunctionResult {
 inline FunctionResult Differentiate(const TensorFunction& function, const std::vector<torch::Tensor>& inputs,
                                     torch::ScalarType dtype) {
   std::vector<torch::Tensor> leaves;
+  leaves.reserve(inputs.size());
   for (const auto& input : inputs) leaves.push_back(input.detach().to(dtype).clone().requires_grad_());
   FunctionResult result;
   result.value = function(leaves);
@@ -49,6 +50,7 @@ inline void ExpectSameGradients(const TensorFunction& function, const TensorFunc
                                 const std::vector<torch::Tensor>& inputs, double tolerance,
                                 torch::ScalarType dtype = torch::kFloat32) {
   std::vector<torch::Tensor> rounded;
+  rounded.reserve(inputs.size());
   for (const auto& input : inputs) rounded.push_back(input.to(dtype));
   const FunctionResult got = Differentiate(function, rounded, dtype);
   const FunctionResult want = Differentiate(plain, rounded, torch::kDouble);
@@ -71,6 +73,7 @@ inline void ExpectDifferentiable(const TensorFunction& function, const std::vect
   for (size_t i = 0; i < inputs.size(); ++i) {
     for (int64_t j = 0; j < inputs[i].numel(); j += std::max<int64_t>(1, inputs[i].numel() / 20)) {
       std::vector<torch::Tensor> at;
+      at.reserve(inputs.size());
       for (const auto& input : inputs) at.push_back(input.to(torch::kDouble).clone(torch::MemoryFormat::Contiguous));
       at[i].view(-1)[j] += kStep;
       const double above = weighted(at);
