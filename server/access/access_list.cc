@@ -12,6 +12,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "server/secret_lines.h"
 
 namespace holdfast {
 namespace {
@@ -23,10 +24,6 @@ bool IsTokenCharacter(char c) { return absl::ascii_isalnum(c) || absl::StrContai
 bool IsName(absl::string_view name) {
   return !name.empty() && name.size() <= AccessList::kMaxNameBytes &&
          std::all_of(name.begin(), name.end(), IsNameCharacter);
-}
-
-absl::Status BadLine(int line, absl::string_view expected) {
-  return absl::InvalidArgumentError(absl::StrCat("line ", line, ": expected ", expected));
 }
 
 absl::Status ParseLimit(absl::string_view column, int line, Grant& grant) {
@@ -72,11 +69,7 @@ absl::StatusOr<AccessList::Entry> AccessList::ParseLine(absl::string_view text, 
 
 absl::StatusOr<AccessList> AccessList::Parse(absl::string_view text) {
   AccessList list;
-  int line = 0;
-  for (absl::string_view content : absl::StrSplit(text, '\n')) {
-    ++line;
-    content = absl::StripAsciiWhitespace(content);
-    if (content.empty() || content.front() == '#') continue;
+  const auto take = [&list](absl::string_view content, int line) -> absl::Status {
     absl::StatusOr<Entry> entry = ParseLine(content, line);
     if (!entry.ok()) return entry.status();
     const auto clashes = [&entry](const Entry& other) {
@@ -87,7 +80,9 @@ absl::StatusOr<AccessList> AccessList::Parse(absl::string_view text) {
     }
     if (list.entries_.size() == kMaxNames) return BadLine(line, absl::StrCat("at most ", kMaxNames, " names"));
     list.entries_.push_back(*std::move(entry));
-  }
+    return absl::OkStatus();
+  };
+  if (absl::Status status = ForEachEntry(text, take); !status.ok()) return status;
   if (list.entries_.empty()) return absl::InvalidArgumentError("there is no name: expected lines name:token");
   return list;
 }

@@ -11,6 +11,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "server/secret_lines.h"
 
 namespace holdfast {
 namespace {
@@ -33,10 +34,6 @@ std::string DecodeSecret(absl::string_view text) {
   return "";
 }
 
-absl::Status BadLine(int line, absl::string_view expected) {
-  return absl::InvalidArgumentError(absl::StrCat("line ", line, ": expected ", expected));
-}
-
 absl::StatusOr<SealingKey> ParseLine(absl::string_view text, int line) {
   const std::pair<absl::string_view, absl::string_view> parts = absl::StrSplit(text, absl::MaxSplits(':', 1));
   const absl::string_view id = absl::StripAsciiWhitespace(parts.first);
@@ -57,18 +54,16 @@ absl::StatusOr<SealingKey> ParseLine(absl::string_view text, int line) {
 
 absl::StatusOr<KeyRing> KeyRing::Parse(absl::string_view text) {
   std::vector<SealingKey> keys;
-  int line = 0;
-  for (absl::string_view content : absl::StrSplit(text, '\n')) {
-    ++line;
-    content = absl::StripAsciiWhitespace(content);
-    if (content.empty() || content.front() == '#') continue;
+  const auto take = [&keys](absl::string_view content, int line) -> absl::Status {
     absl::StatusOr<SealingKey> key = ParseLine(content, line);
     if (!key.ok()) return key.status();
     const auto same = [&key](const SealingKey& other) { return other.id == key->id; };
     if (std::any_of(keys.begin(), keys.end(), same)) return BadLine(line, "an id that no line before has");
     if (keys.size() == kMaxKeys) return BadLine(line, absl::StrCat("at most ", kMaxKeys, " keys"));
     keys.push_back(*std::move(key));
-  }
+    return absl::OkStatus();
+  };
+  if (absl::Status status = ForEachEntry(text, take); !status.ok()) return status;
   if (keys.empty()) return absl::InvalidArgumentError("there is no key: expected lines id:secret");
   return KeyRing(std::move(keys));
 }
