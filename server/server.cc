@@ -13,6 +13,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "api/address.h"
 #include "api/limits.h"
 #include "proto/grpc_deadline.h"
 
@@ -59,12 +60,6 @@ class WithoutReflection final : public grpc::ServerBuilderOption {
   }
 };
 
-// Whether 'listen', host:port, is for this machine alone.
-bool IsLoopback(absl::string_view listen) {
-  return absl::StartsWith(listen, "127.") || absl::StartsWith(listen, "localhost:") ||
-         absl::StartsWith(listen, "[::1]:") || absl::StartsWith(listen, "unix:");
-}
-
 }  // namespace
 
 Server::Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, Clock& clock, ServerEvents& events,
@@ -80,7 +75,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
                                                       std::shared_ptr<spdlog::logger> log) {
   auto gatekeeper = Gatekeeper::Create(options.token_file, clock, log);
   if (!gatekeeper.ok()) return gatekeeper.status();
-  if (!options.tls.enabled() && !IsLoopback(options.listen)) {
+  if (!options.tls.enabled() && !IsLoopback(options.listen) && !absl::StartsWith(options.listen, "unix:")) {
     log->warn(absl::StrCat("gRPC on ", options.listen, " is plain text: frames, results and tokens can be read on the ",
                            "way; see --tls_cert"));
   }

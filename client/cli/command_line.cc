@@ -11,6 +11,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "api/address.h"
 #include "client/cli/info_command.h"
 #include "client/cli/load_command.h"
 #include "client/cli/track_command.h"
@@ -204,11 +205,6 @@ absl::StatusOr<std::string> TokenFromFlags() {
   return std::string(token);
 }
 
-bool IsThisMachine(absl::string_view address) {
-  return absl::StartsWith(address, "localhost:") || absl::StartsWith(address, "127.") ||
-         absl::StartsWith(address, "[::1]:");
-}
-
 // INVALID_ARGUMENT for what is wrong with the flags themselves, before a server is looked for.
 absl::StatusOr<RemoteTracker::Options> ServerFromFlags(const Console& console) {
   if (absl::Status status = CheckServerFlags(); !status.ok()) return status;
@@ -220,7 +216,7 @@ absl::StatusOr<RemoteTracker::Options> ServerFromFlags(const Console& console) {
   if (!token.ok()) return token.status();
   options.token = *std::move(token);
   if (!options.token.empty() && !options.tls.enabled &&
-      !std::all_of(options.addresses.begin(), options.addresses.end(), IsThisMachine)) {
+      !std::all_of(options.addresses.begin(), options.addresses.end(), IsLoopback)) {
     console.err << "holdfast: warning: the token travels in plain text; see --tls\n";
   }
   options.connect_timeout = absl::GetFlag(FLAGS_connect_timeout);
