@@ -6,18 +6,19 @@ PRESET ?= release
 BUILD := build/$(PRESET)
 JOBS ?= $(shell nproc)
 TIME ?= 30m
-PACKAGES := $(shell grep -v '^\#' deploy/packages/build.txt)
+LISTS ?= build
+PACKAGES = $(shell grep -hv '^\#' $(LISTS:%=deploy/packages/%.txt))
 SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps tools configure build test dist demo bench train-small format lint sanitize fuzz clean
+.PHONY: help deps tools configure build test dist wheel demo bench train-small format lint sanitize fuzz clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
 
-deps: ## install the Debian packages of deploy/packages/build.txt that are missing
+deps: ## install the Debian packages of deploy/packages/build.txt (LISTS=build) that are missing
 	@missing=$$(for p in $(PACKAGES); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q '^install ok' || echo $$p; done); \
 	if [ -n "$$missing" ]; then \
 	  $(SUDO) apt-get -o DPkg::Lock::Timeout=300 update -qq && \
@@ -47,6 +48,12 @@ dist: build ## make the source archive and Debian packages of server, client and
 	cpack --config $(BUILD)/CPackConfig.cmake -B out/dist > /dev/null
 	rm -rf out/dist/_CPack_Packages
 	ls -sh out/dist
+
+wheel: ## make the Python client's wheel in out/python/dist
+	@$(MAKE) -s deps LISTS="build wheel"
+	/usr/bin/python3 python/stage.py out/python
+	cd out/python && /usr/bin/python3 -m build --wheel --no-isolation > build.log || { cat build.log; exit 1; }
+	ls out/python/dist
 
 demo: configure ## track a real video through the server; the result lies in out/demo
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast-server holdfast
