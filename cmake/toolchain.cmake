@@ -13,7 +13,9 @@ endif()
 
 find_program(HOLDFAST_MOLD mold)
 if(HOLDFAST_MOLD)
-  add_link_options(-fuse-ld=mold)
+  # Segments on pages of their own: mold 1.10 (Debian 12) protects a page too many where code ends a few bytes before one and
+  # thread-local variables follow, and such a program does not start.
+  add_link_options(-fuse-ld=mold -Wl,-z,separate-code)
 endif()
 
 if(HOLDFAST_SANITIZE)

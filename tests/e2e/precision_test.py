@@ -38,6 +38,13 @@ class Distances:
         return f"mean {self.mean:.3f} px, median {self.median:.3f} px, {100 * self.near:.1f} % within {NEAR_PX} px"
 
 
+def convolves_bfloat16():
+    """Without these LibTorch convolves bfloat16 by a loop that takes minutes for a second of video."""
+    flags = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").split()
+    return {"avx512bw", "avx512vl", "avx512dq"} <= set(flags)
+
+
+@unittest.skipUnless(convolves_bfloat16(), "the processor has no AVX-512: nobody computes in bfloat16 here")
 class PrecisionTest(unittest.TestCase):
     server_program = client_program = None
 
