@@ -77,7 +77,81 @@ function(holdfast_program name)
   install(TARGETS ${name} RUNTIME COMPONENT ${name})
 endfunction()
 
-# holdfast_isa_test(module/x_test ISA set THREADS n [FILTER gtest filter]) runs a test program once more with at most one
+# A program of tests, in the groups of its folder and those above: model_ops_tests, model_tests. Without PCH it has that
+# of tests, which does not fit what links gRPC. Code of tests is optimised lightly: it runs once, and most of the time of a
+# build goes into tests.
+function(_holdfast_test_program target module sources deps pch)
+  add_executable(${target} ${sources})
+  target_link_libraries(${target} PRIVATE ${deps} holdfast_test_main GTest::gmock)
+  if(NOT pch)
+    set(pch test)
+  endif()
+  _holdfast_common(${target} "${pch}")
+  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
+  if(HOLDFAST_SANITIZE STREQUAL thread)
+    target_link_libraries(${target} PRIVATE holdfast_tsan_libraries)
+  endif()
+  target_compile_definitions(${target} PRIVATE HOLDFAST_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
+  string(REPLACE "/" ";" folders ${module})
+  set(group "")
+  foreach(folder ${folders})
+    string(APPEND group ${folder}_)
+    if(NOT TARGET ${group}tests)
+      add_custom_target(${group}tests)
+    endif()
+    add_dependencies(${group}tests ${target})
+  endforeach()
+endfunction()
+
+# Tests that may take longest begin first: one that begins last runs alone.
+function(_holdfast_add_test name command labels timeout)
+  add_test(NAME ${name} COMMAND ${command})
+  set_property(GLOBAL PROPERTY "HOLDFAST_COMMAND_${name}" ${command})
+  if(NOT timeout)
+    set(timeout 300)
+  endif()
+  if(HOLDFAST_SANITIZE)
+    math(EXPR timeout "4 * ${timeout}")
+  endif()
+  set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${timeout} COST ${timeout})
+endfunction()
+
+# holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...] [TIMEOUT seconds]): a test program;
+# ctest shows the name as given.
+function(holdfast_test name)
+  cmake_parse_arguments(A "" "PCH;TIMEOUT" "SOURCES;DEPS;LABELS" ${ARGN})
+  string(REPLACE "/" "_" target ${name})
+  string(REGEX REPLACE "/[^/]*$" "" module ${name})
+  _holdfast_test_program(${target} ${module} "${A_SOURCES}" "${A_DEPS}" "${A_PCH}")
+  _holdfast_add_test(${name} ${target} "${A_LABELS}" "${A_TIMEOUT}")
+endfunction()
+
+# holdfast_tests(module TESTS x... DEPS ... [SOURCES more...] [PCH torch|grpc] [PROGRAM name]): the tests x_test.cc of a
+# folder in one program, which ctest runs once for each of them, as module/x_test. Most of what a test costs to compile
+# are the headers that its neighbours include too. A folder's second program needs a name.
+function(holdfast_tests module)
+  cmake_parse_arguments(A "" "PCH;PROGRAM" "TESTS;SOURCES;DEPS" ${ARGN})
+  if(NOT A_PROGRAM)
+    string(REPLACE "/" "_" A_PROGRAM ${module})
+  endif()
+  set(target ${A_PROGRAM}_test_program)
+  list(TRANSFORM A_TESTS APPEND _test.cc OUTPUT_VARIABLE sources)
+  _holdfast_test_program(${target} ${module} "${sources};${A_SOURCES}" "${A_DEPS}" "${A_PCH}")
+  foreach(test ${A_TESTS})
+    _holdfast_add_test(${module}/${test}_test "${target};--source=${test}_test.cc" "" "")
+  endforeach()
+endfunction()
+
+# holdfast_takes_long(module/x_test seconds [label...]): a test of holdfast_tests that needs more time than others.
+function(holdfast_takes_long name timeout)
+  if(HOLDFAST_SANITIZE)
+    math(EXPR timeout "4 * ${timeout}")
+  endif()
+  set_tests_properties(${name} PROPERTIES LABELS "${ARGN}" TIMEOUT ${timeout} COST ${timeout})
+endfunction()
+
+# holdfast_isa_test(module/x_test ISA set THREADS n [FILTER gtest filter]) runs a test once more with at most one
 # instruction set of oneDNN and n threads of OpenMP, as <module>/x_test_<set>_<n>. Not under sanitizers, which do not see
 # into oneDNN.
 function(holdfast_isa_test name)
@@ -85,9 +159,9 @@ function(holdfast_isa_test name)
   if(HOLDFAST_SANITIZE)
     return()
   endif()
-  string(REPLACE "/" "_" target ${name})
+  get_property(command GLOBAL PROPERTY "HOLDFAST_COMMAND_${name}")
   string(TOLOWER "${name}_${A_ISA}_${A_THREADS}" variant)
-  add_test(NAME ${variant} COMMAND ${target})
+  add_test(NAME ${variant} COMMAND ${command})
   # Threads that spin at barriers would make these tests many times slower beside other work.
   set(environment OMP_NUM_THREADS=${A_THREADS} OMP_WAIT_POLICY=passive)
   if(NOT A_ISA STREQUAL "ALL")
@@ -97,43 +171,4 @@ function(holdfast_isa_test name)
     list(APPEND environment "GTEST_FILTER=${A_FILTER}")
   endif()
   set_tests_properties(${variant} PROPERTIES LABELS isa TIMEOUT 600 COST 600 ENVIRONMENT "${environment}")
-endfunction()
-
-# holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...]); ctest shows the name as given.
-# Without PCH it has that of tests, which does not fit what links gRPC.
-# Tests that may take longest begin first: one that begins last runs alone.
-# A test's own code is optimised lightly: it runs once, and most of the time of a build goes into tests.
-function(holdfast_test name)
-  cmake_parse_arguments(A "" "PCH;TIMEOUT" "SOURCES;DEPS;LABELS" ${ARGN})
-  string(REPLACE "/" "_" target ${name})
-  add_executable(${target} ${A_SOURCES})
-  target_link_libraries(${target} PRIVATE ${A_DEPS} GTest::gmock GTest::gtest_main)
-  if(NOT A_PCH)
-    set(A_PCH test)
-  endif()
-  _holdfast_common(${target} "${A_PCH}")
-  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
-  if(HOLDFAST_SANITIZE STREQUAL thread)
-    target_link_libraries(${target} PRIVATE holdfast_tsan_libraries)
-  endif()
-  target_compile_definitions(${target} PRIVATE HOLDFAST_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
-  set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
-  add_test(NAME ${name} COMMAND ${target})
-  # Every test program below a folder: model_tests, server_engine_tests...
-  set(path ${name})
-  while(path MATCHES /)
-    string(REGEX REPLACE "/[^/]*$" "" path ${path})
-    string(REPLACE "/" "_" group ${path}_tests)
-    if(NOT TARGET ${group})
-      add_custom_target(${group})
-    endif()
-    add_dependencies(${group} ${target})
-  endwhile()
-  if(NOT A_TIMEOUT)
-    set(A_TIMEOUT 300)
-  endif()
-  if(HOLDFAST_SANITIZE)
-    math(EXPR A_TIMEOUT "4 * ${A_TIMEOUT}")
-  endif()
-  set_tests_properties(${name} PROPERTIES LABELS "${A_LABELS}" TIMEOUT ${A_TIMEOUT} COST ${A_TIMEOUT})
 endfunction()

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
@@ -20,6 +21,9 @@ struct NpyHeader {
 
 // No header takes more.
 constexpr size_t kMaxNpyHeaderBytes = 64 << 10;
+
+// What is said of a file that holds no valid array; 'what' is wrong with it. DATA_LOSS.
+absl::Status DamagedArray(absl::string_view what);
 
 // A .npy header from the beginning of 'bytes', and how many bytes it takes. DATA_LOSS for what is not one;
 // UNIMPLEMENTED for arrays that are not little-endian numbers in row-major order.

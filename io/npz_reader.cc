@@ -18,8 +18,6 @@ constexpr int64_t kMaxReadValues = int64_t{1} << 29;  // of the rows of one call
 // What memory is taken for before the file has shown that it holds so many: its sizes are only what it says of itself.
 constexpr int64_t kPieceValues = int64_t{1} << 20;
 
-absl::Status Damaged(absl::string_view what) { return absl::DataLossError(absl::StrCat("not a valid array: ", what)); }
-
 template <typename T>
 float ValueAt(const char* bytes) {
   T value;
@@ -79,11 +77,11 @@ bool Skip(zip_file_t* file, size_t size) {
 // The header of the array in 'file', whose entry has 'entry_bytes' unpacked.
 absl::StatusOr<NpyHeader> ReadHeader(zip_file_t* file, uint64_t entry_bytes, size_t* header_bytes) {
   std::string bytes(std::min<uint64_t>(entry_bytes, kMaxNpyHeaderBytes), '\0');
-  if (!ReadFully(file, bytes.data(), bytes.size())) return Damaged("its packed bytes are damaged");
+  if (!ReadFully(file, bytes.data(), bytes.size())) return DamagedArray("its packed bytes are damaged");
   absl::StatusOr<NpyHeader> header = ParseNpyHeader(bytes, header_bytes);
   if (!header.ok()) return header;
   if (*header_bytes + static_cast<uint64_t>(header->values() * header->item_bytes) != entry_bytes) {
-    return Damaged("its shape does not match its size");
+    return DamagedArray("its shape does not match its size");
   }
   return header;
 }
@@ -120,11 +118,11 @@ bool ReadValues(zip_file_t* file, const NpyHeader& header, int64_t count, std::v
 absl::Status StreamRows(zip_file_t* file, const NpyHeader& header, size_t header_bytes,
                         const std::vector<int64_t>& rows, int64_t row_values, std::vector<float>& values) {
   const size_t row_bytes = static_cast<size_t>(row_values * header.item_bytes);
-  if (!Skip(file, header_bytes)) return Damaged("its packed bytes are damaged");
+  if (!Skip(file, header_bytes)) return DamagedArray("its packed bytes are damaged");
   int64_t next = 0;
   for (const int64_t wanted : rows) {
     if (!Skip(file, static_cast<size_t>(wanted - next) * row_bytes) || !ReadValues(file, header, row_values, values)) {
-      return Damaged("its packed bytes are damaged");
+      return DamagedArray("its packed bytes are damaged");
     }
     next = wanted + 1;
   }
@@ -186,7 +184,7 @@ absl::StatusOr<NpyRows> NpzFile::ReadRows(absl::string_view name, const std::vec
   if (!archive.ok()) return archive.status();
   ArchiveEntry file(zip_fopen(archive->get(), absl::StrCat(name, ".npy").c_str(), 0));
   if (file == nullptr) file.reset(zip_fopen(archive->get(), std::string(name).c_str(), 0));
-  if (file == nullptr) return failed(Damaged("it cannot be opened"));
+  if (file == nullptr) return failed(DamagedArray("it cannot be opened"));
   NpyRows result{header.shape, {}};
   result.values.reserve(static_cast<size_t>(std::min(static_cast<int64_t>(rows.size()) * row_values, kPieceValues)));
   const absl::Status status = StreamRows(file.get(), header, entry->header_bytes, rows, row_values, result.values);

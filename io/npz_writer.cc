@@ -17,7 +17,6 @@ constexpr size_t kAlignment = 64;  // of the data, as NumPy asks for
 struct Discard {
   void operator()(zip_t* archive) const { zip_discard(archive); }
 };
-using Archive = std::unique_ptr<zip_t, Discard>;
 
 absl::Status ZipError(zip_t* archive) { return absl::InternalError(zip_strerror(archive)); }
 
@@ -35,7 +34,7 @@ std::string NpyFile(absl::string_view dtype, const std::vector<int64_t>& shape, 
 
 absl::Status WriteNpz(const std::string& path, const std::vector<std::pair<std::string, std::string>>& npy_files) {
   int code = 0;
-  Archive archive(zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
+  std::unique_ptr<zip_t, Discard> archive(zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
   if (archive == nullptr) return absl::InternalError(absl::StrCat("cannot be created, zip error ", code));
   for (const auto& [name, bytes] : npy_files) {
     zip_source_t* source = zip_source_buffer(archive.get(), bytes.data(), bytes.size(), /*freep=*/0);

@@ -17,7 +17,7 @@ namespace {
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
-constexpr int64_t kGrainItems = 8;
+constexpr int64_t kCorrelationGrain = 8;
 
 CorrelationRows RowsOf(const FeatureViews& views, const torch::Tensor& templates, const torch::Tensor& xy,
                        int64_t radius) {
@@ -45,7 +45,7 @@ torch::Tensor Forward(const FeatureViews& views, const torch::Tensor& templates,
   CorrelationRows rows = RowsOf(views, templates, xy, radius);
   rows.out = out.data_ptr<float>();
   const bool bfloat16 = views.dtype == torch::kBFloat16;
-  at::parallel_for(0, views.rows() * views.frames, kGrainItems, [&](int64_t begin, int64_t end) {
+  at::parallel_for(0, views.rows() * views.frames, kCorrelationGrain, [&](int64_t begin, int64_t end) {
     bfloat16 ? CorrelateItems(rows, Bf16{}, begin, end) : CorrelateItems(rows, 0.0f, begin, end);
   });
   return out;

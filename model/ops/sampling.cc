@@ -16,7 +16,7 @@ namespace {
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
-constexpr int64_t kGrainItems = 64;
+constexpr int64_t kSamplingGrain = 64;
 
 torch::Tensor Forward(const FeatureViews& views, const torch::Tensor& xy) {
   const torch::Tensor out = torch::empty({views.rows(), views.frames, views.channels}, torch::kFloat32);
@@ -25,7 +25,7 @@ torch::Tensor Forward(const FeatureViews& views, const torch::Tensor& xy) {
   rows.xy = xy.data_ptr<float>();
   rows.out = out.data_ptr<float>();
   const bool bfloat16 = views.dtype == torch::kBFloat16;
-  at::parallel_for(0, views.rows() * views.frames, kGrainItems, [&](int64_t begin, int64_t end) {
+  at::parallel_for(0, views.rows() * views.frames, kSamplingGrain, [&](int64_t begin, int64_t end) {
     bfloat16 ? SampleItems(rows, Bf16{}, begin, end) : SampleItems(rows, 0.0f, begin, end);
   });
   return out;

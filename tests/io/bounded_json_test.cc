@@ -18,7 +18,6 @@ using ::testing::Lt;
 using ::testing::SizeIs;
 using Json = nlohmann::json;
 
-constexpr absl::StatusCode kInvalid = absl::StatusCode::kInvalidArgument;
 
 std::string Repeated(const std::string& piece, int times) {
   std::string text;

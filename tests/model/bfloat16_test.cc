@@ -23,6 +23,7 @@
 #include "model/ops/resize.h"
 #include "model/ops/sampling.h"
 #include "model/precision_check.h"
+#include "tests/support/bfloat16_convolutions.h"
 #include "tests/support/golden.h"
 #include "tests/support/gradient_check.h"
 #include "tests/support/networks.h"
@@ -174,7 +175,11 @@ struct Size {
 };
 constexpr Size kMapSizes[] = {{4, 4}, {5, 7}, {8, 12}, {13, 9}, {19, 38}, {37, 53}, {40, 72}};
 
-TEST(Bfloat16OperatorTest, EveryOperatorAgreesWithDoubleAtOddAndEvenSizes) {
+class Bfloat16OperatorTest : public ::testing::Test {
+  void SetUp() override { SKIP_WITHOUT_BFLOAT16_CONVOLUTIONS(); }
+};
+
+TEST_F(Bfloat16OperatorTest, EveryOperatorAgreesWithDoubleAtOddAndEvenSizes) {
   for (const Operator& op : Operators()) {
     double worst = 0, worst_gradient = 0;
     for (const Size& size : kMapSizes) {
@@ -282,7 +287,7 @@ Unrolled TrainOnce(PointModel model, int64_t height, int64_t width) {
   return {trajectory.positions.back().detach(), torch::cat(gradients)};
 }
 
-TEST(Bfloat16OperatorTest, TheTableHoldsEveryOperatorThatTheNetworkRuns) {
+TEST_F(Bfloat16OperatorTest, TheTableHoldsEveryOperatorThatTheNetworkRuns) {
   std::set<std::string> known = Movements();
   for (const Operator& op : Operators()) known.insert(op.aten.begin(), op.aten.end());
   const PointModel exact = FormulaModel(TinyOptions());
@@ -305,7 +310,9 @@ PointModel Trained() {
   return loaded->model;
 }
 
-class Bfloat16NetworkTest : public testing::TestWithParam<Size> {};
+class Bfloat16NetworkTest : public testing::TestWithParam<Size> {
+  void SetUp() override { SKIP_WITHOUT_BFLOAT16_CONVOLUTIONS(); }
+};
 
 // Bounds. A value that is written with eight bits is off by 0.11 % (root mean square). Features go through about 25
 // writes on their longest way, each followed by a normalisation that keeps relative errors: 25^0.5 x 0.11 % = 0.6 %,
@@ -362,8 +369,12 @@ INSTANTIATE_TEST_SUITE_P(Sizes, Bfloat16NetworkTest,
                            return std::to_string(info.param.width) + "x" + std::to_string(info.param.height);
                          });
 
+class Bfloat16TrainingTest : public ::testing::Test {
+  void SetUp() override { SKIP_WITHOUT_BFLOAT16_CONVOLUTIONS(); }
+};
+
 // Sides of maps odd at every scale. With random weights gradients are chaotic and rounding turns them round.
-TEST(Bfloat16TrainingTest, GradientsPointWhereThoseOfFloat32Do) {
+TEST_F(Bfloat16TrainingTest, GradientsPointWhereThoseOfFloat32Do) {
   const PointModel exact = Trained(), fast = CopyInPrecision(exact, torch::kBFloat16);
   for (const Size& size : {Size{40, 56}, Size{72, 104}, Size{96, 64}, Size{192, 256}}) {
     const Unrolled want = TrainOnce(exact, size.height, size.width), got = TrainOnce(fast, size.height, size.width);

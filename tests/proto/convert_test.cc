@@ -12,6 +12,7 @@
 
 #include "api/errors.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/violated_fields.h"
 
 namespace holdfast {
 namespace {
@@ -19,12 +20,6 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
-
-std::vector<std::string> Fields(const absl::Status& status) {
-  std::vector<std::string> fields;
-  for (const FieldViolation& violation : FieldViolations(status)) fields.push_back(violation.field);
-  return fields;
-}
 
 v1::SessionConfig GoodConfig() {
   SessionConfig config;
@@ -88,7 +83,7 @@ TEST(ConvertTest, EveryWrongFieldOfAConfigIsNamed) {
   const auto fields_of = [](auto spoil) {
     v1::SessionConfig config = GoodConfig();
     spoil(config);
-    return Fields(FromProto(config).status());
+    return ViolatedFields(FromProto(config).status());
   };
   EXPECT_THAT(fields_of([](auto& c) { c.clear_encoding(); }), ElementsAre("config.encoding"));
   EXPECT_THAT(fields_of([](auto& c) { c.set_encoding(static_cast<v1::FrameEncoding>(99)); }),
@@ -110,7 +105,7 @@ TEST(ConvertTest, SeveralMistakesAreReportedTogether) {
   v1::SessionConfig config = GoodConfig();
   config.clear_encoding();
   config.set_iterations(1U << 31);
-  EXPECT_THAT(Fields(FromProto(config).status()), ElementsAre("config.encoding", "config.iterations"));
+  EXPECT_THAT(ViolatedFields(FromProto(config).status()), ElementsAre("config.encoding", "config.iterations"));
 }
 
 TEST(ConvertTest, WhatOnlyTheEngineCanJudgeIsPassedOnAsItIs) {
@@ -138,12 +133,12 @@ TEST(ConvertTest, ListsAreCountedBeforeTheirElementsAreLookedAt) {
   const std::vector<PointQuery> points(kMaxPointsInMessage + 1, {1, -1, std::nanf("")});
   SessionConfig config;
   config.points = points;
-  EXPECT_THAT(Fields(FromProto(ToProto(config)).status()), ElementsAre("config.points"));
-  EXPECT_THAT(Fields(FromProto(ToProto(Frame{0, "x", {}, points})).status()), ElementsAre("frame.points"));
+  EXPECT_THAT(ViolatedFields(FromProto(ToProto(config)).status()), ElementsAre("config.points"));
+  EXPECT_THAT(ViolatedFields(FromProto(ToProto(Frame{0, "x", {}, points})).status()), ElementsAre("frame.points"));
   EXPECT_THAT(FromProto(AddPointsToProto(points)),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        HasSubstr("add_points.points: has 65537 elements, expected at most 65536")));
-  EXPECT_THAT(Fields(FromProto(RemovePointsToProto(std::vector<PointId>(kMaxPointsInMessage + 1))).status()),
+  EXPECT_THAT(ViolatedFields(FromProto(RemovePointsToProto(std::vector<PointId>(kMaxPointsInMessage + 1))).status()),
               ElementsAre("remove_points.ids"));
 }
 
@@ -166,7 +161,7 @@ TEST(ConvertTest, WrongFieldsOfAFrameAreNamed) {
   v1::Frame frame = ToProto(Frame{0, "x", {}, {}});
   frame.mutable_capture_time()->set_nanos(-1);
   frame.clear_data();
-  EXPECT_THAT(Fields(FromProto(std::move(frame)).status()), ElementsAre("frame.capture_time", "frame.data"));
+  EXPECT_THAT(ViolatedFields(FromProto(std::move(frame)).status()), ElementsAre("frame.capture_time", "frame.data"));
 }
 
 TEST(ConvertTest, PointsToAddAndRemoveSurviveTheRoundTrip) {

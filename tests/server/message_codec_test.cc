@@ -35,7 +35,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr auto kExhausted = absl::StatusCode::kResourceExhausted;
 constexpr int kMaxPoints = 2048;
 constexpr int kMillion = 1'000'000;
 

@@ -12,6 +12,8 @@
 
 namespace holdfast {
 
+inline constexpr ImageSize kPicture{128, 96}, kWidePicture{160, 120};
+
 // Brightness of an endless texture at (x, y): a sum of waves, so that it is defined between pixels too. 'seed' tells
 // textures apart.
 inline float TextureAt(float x, float y, uint32_t seed = 1) {

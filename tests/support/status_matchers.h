@@ -14,6 +14,10 @@
 
 namespace holdfast {
 
+inline constexpr absl::StatusCode kInvalid = absl::StatusCode::kInvalidArgument;
+inline constexpr absl::StatusCode kExhausted = absl::StatusCode::kResourceExhausted;
+inline constexpr absl::StatusCode kPrecondition = absl::StatusCode::kFailedPrecondition;
+
 inline const absl::Status& GetStatus(const absl::Status& status) { return status; }
 template <typename T>
 const absl::Status& GetStatus(const absl::StatusOr<T>& status_or) {

@@ -44,7 +44,7 @@ void AddFinite(nlohmann::json& object, const char* key, double value) {
   if (std::isfinite(value)) object[key] = value;
 }
 
-nlohmann::json StepLine(const StepReport& report) {
+nlohmann::json StepJson(const StepReport& report) {
   nlohmann::json line = {{"event", "step"},
                          {"time", Seconds(report.when)},
                          {"step", report.step},
@@ -70,7 +70,7 @@ class JsonLog : public TrainingObserver {
   explicit JsonLog(const std::string& path) : file_(path) {}
   bool is_open() const { return file_.is_open(); }
 
-  void StepDone(const StepReport& report) override { Write(StepLine(report)); }
+  void StepDone(const StepReport& report) override { Write(StepJson(report)); }
 
   void Validated(const ValidationReport& report) override {
     nlohmann::json line = {{"event", "validation"},

@@ -16,7 +16,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 constexpr ImageSize kSize{100, 50};
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 
 TEST(PointFileTest, CsvLinesGiveIdPositionAndFrame) {
   const auto points = ParsePointsCsv("id,x,y,frame\r\n# people\n7,1.5,2,3\r\n\n 8 , 99 , 49 ,0\n9,0,0", kSize);

@@ -21,7 +21,6 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 constexpr char kInterim[] = HOLDFAST_SOURCE_DIR "/tests/data/interim.safetensors";
 
 PointModel TestModel(uint64_t seed = 3) {

@@ -35,11 +35,11 @@ torch::Tensor Formula(const torch::Tensor& map, int64_t height, int64_t width) {
   return rows(down.first) * (1 - fy) + rows(down.second) * fy;
 }
 
-struct Case {
+struct ResizeCase {
   int64_t height, width, out_height, out_width;
 };
 
-class ResizeTest : public testing::TestWithParam<Case> {
+class ResizeTest : public testing::TestWithParam<ResizeCase> {
  protected:
   static torch::Tensor Map(int64_t channels) {
     torch::manual_seed(3);
@@ -49,7 +49,7 @@ class ResizeTest : public testing::TestWithParam<Case> {
 };
 
 TEST_P(ResizeTest, FollowsTheFormulaInBothTypes) {
-  const Case p = GetParam();
+  const ResizeCase p = GetParam();
   for (const int64_t channels : {1, 20, 33}) {
     const torch::Tensor map = Map(channels);
     const torch::Tensor got = ResizeBilinear(map, p.out_height, p.out_width);
@@ -64,7 +64,7 @@ TEST_P(ResizeTest, FollowsTheFormulaInBothTypes) {
 }
 
 TEST_P(ResizeTest, AConstantMapStaysConstantAndCornersStayWhereTheyAre) {
-  const Case p = GetParam();
+  const ResizeCase p = GetParam();
   const torch::Tensor flat = torch::full({1, 4, p.height, p.width}, 3.5, torch::kBFloat16);
   EXPECT_TRUE(ResizeBilinear(flat, p.out_height, p.out_width).eq(3.5).all().item<bool>());
   if (p.out_height == 1 || p.out_width == 1) return;  // only the first corner is there
@@ -81,7 +81,7 @@ TEST_P(ResizeTest, AConstantMapStaysConstantAndCornersStayWhereTheyAre) {
 }
 
 TEST_P(ResizeTest, GradientsFollowTheFormula) {
-  const Case p = GetParam();
+  const ResizeCase p = GetParam();
   // One pixel gets the sum of weights of both signs, which cancel, and rounding is all that is left of them.
   if (p.height * p.width == 1) GTEST_SKIP() << "measured by AConstantMapStaysConstant";
   const torch::Tensor map = Map(6);
@@ -93,14 +93,14 @@ TEST_P(ResizeTest, GradientsFollowTheFormula) {
 
 INSTANTIATE_TEST_SUITE_P(
     Sizes, ResizeTest,
-    testing::Values(Case{16, 20, 4, 5}, Case{5, 7, 10, 14}, Case{6, 6, 6, 9}, Case{1, 4, 3, 2}, Case{9, 9, 1, 1},
-                    Case{1, 1, 5, 3}, Case{2, 3, 1, 7}, Case{13, 31, 7, 61}, Case{61, 7, 13, 31}, Case{33, 65, 17, 33},
+    testing::Values(ResizeCase{16, 20, 4, 5}, ResizeCase{5, 7, 10, 14}, ResizeCase{6, 6, 6, 9}, ResizeCase{1, 4, 3, 2}, ResizeCase{9, 9, 1, 1},
+                    ResizeCase{1, 1, 5, 3}, ResizeCase{2, 3, 1, 7}, ResizeCase{13, 31, 7, 61}, ResizeCase{61, 7, 13, 31}, ResizeCase{33, 65, 17, 33},
                     // Maps of 320x576, 608x320, 1024x768 and portrait ones, down from stride 2 and up to stride 8.
-                    Case{160, 288, 40, 72}, Case{80, 144, 40, 72}, Case{20, 36, 40, 72}, Case{304, 160, 76, 40},
-                    Case{38, 20, 76, 40}, Case{384, 512, 96, 128}, Case{48, 64, 96, 128}, Case{257, 511, 129, 63},
-                    Case{3, 511, 7, 1021}),
-    [](const testing::TestParamInfo<Case>& info) {
-      const Case& p = info.param;
+                    ResizeCase{160, 288, 40, 72}, ResizeCase{80, 144, 40, 72}, ResizeCase{20, 36, 40, 72}, ResizeCase{304, 160, 76, 40},
+                    ResizeCase{38, 20, 76, 40}, ResizeCase{384, 512, 96, 128}, ResizeCase{48, 64, 96, 128}, ResizeCase{257, 511, 129, 63},
+                    ResizeCase{3, 511, 7, 1021}),
+    [](const testing::TestParamInfo<ResizeCase>& info) {
+      const ResizeCase& p = info.param;
       return std::to_string(p.height) + "x" + std::to_string(p.width) + "to" + std::to_string(p.out_height) + "x" +
              std::to_string(p.out_width);
     });

@@ -16,7 +16,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using Kind = PickleValue::Kind;
 
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 
 TEST(PickleTest, PlainValuesAreRead) {
   const std::string bytes =

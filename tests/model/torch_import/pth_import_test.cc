@@ -15,8 +15,7 @@ namespace {
 using ::testing::Eq;
 using ::testing::HasSubstr;
 
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
-constexpr char kFixture[] = HOLDFAST_SOURCE_DIR "/tests/data/tiny.pth";
+constexpr char kPthFixture[] = HOLDFAST_SOURCE_DIR "/tests/data/tiny.pth";
 
 StateDict StateOf(const ModelOptions& options) {
   const PointModel model(options);
@@ -75,13 +74,13 @@ TEST(InferModelOptionsTest, AStateDictOfAnotherNetworkIsRefusedByTheFirstNameTha
 
 TEST(PthImportTest, AFileOfPyTorchBecomesACheckpointOfTheSameNumbers) {
   const TempDir dir;
-  const auto result = ImportPth(kFixture, dir.File("out.safetensors"), {});
+  const auto result = ImportPth(kPthFixture, dir.File("out.safetensors"), {});
   ASSERT_THAT(result, IsOk());
   EXPECT_EQ(result->options, Tiny());
   EXPECT_EQ(result->parameters, Tiny().ParameterCount());
   const auto loaded = LoadModel(dir.File("out.safetensors"));
   ASSERT_THAT(loaded, IsOk());
-  const auto tensors = ReadTorchStateDict(kFixture);
+  const auto tensors = ReadTorchStateDict(kPthFixture);
   for (const auto& item : loaded->model->named_parameters()) {
     EXPECT_TRUE(item.value().equal(tensors->at(item.key()))) << item.key();
   }
@@ -91,7 +90,7 @@ TEST(PthImportTest, TheStorageMayBeHalf) {
   const TempDir dir;
   ImportOptions import;
   import.dtype = torch::kBFloat16;
-  ASSERT_THAT(ImportPth(kFixture, dir.File("out.safetensors"), import), IsOk());
+  ASSERT_THAT(ImportPth(kPthFixture, dir.File("out.safetensors"), import), IsOk());
   EXPECT_EQ(ReadSafetensors(dir.File("out.safetensors"))->tensors.at("norm.bias").scalar_type(), torch::kBFloat16);
 }
 
@@ -100,9 +99,9 @@ TEST(PthImportTest, AFailedImportWritesNothing) {
   EXPECT_THAT(ImportPth("/nonexistent.pth", dir.File("out"), {}), StatusIs(absl::StatusCode::kNotFound));
   ImportOptions import;
   import.window = 1;
-  EXPECT_THAT(ImportPth(kFixture, dir.File("out"), import), StatusIs(kInvalid, HasSubstr("window is 1")));
+  EXPECT_THAT(ImportPth(kPthFixture, dir.File("out"), import), StatusIs(kInvalid, HasSubstr("window is 1")));
   EXPECT_EQ(dir.Count(), 0);
-  EXPECT_THAT(ImportPth(kFixture, "/nonexistent/out", {}), StatusIs(absl::StatusCode::kNotFound));
+  EXPECT_THAT(ImportPth(kPthFixture, "/nonexistent/out", {}), StatusIs(absl::StatusCode::kNotFound));
 }
 
 }  // namespace

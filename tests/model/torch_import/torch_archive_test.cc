@@ -22,7 +22,6 @@ using ::testing::HasSubstr;
 using ::testing::Key;
 using ::testing::UnorderedElementsAre;
 
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 constexpr char kFixture[] = HOLDFAST_SOURCE_DIR "/tests/data/tiny.pth";
 
 using Entries = std::map<std::string, std::string>;

@@ -25,7 +25,6 @@ namespace {
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
 
-constexpr auto kRefused = absl::StatusCode::kFailedPrecondition;
 const char kOne[] = "one:abababababababababababababababababababababababababababababababab\n";
 const char kTwo[] = "two:cdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcd\n";
 
@@ -69,7 +68,7 @@ TEST_F(TokenSealerTest, ServersWithTheSameKeysTakeEachOthersTokens) {
   EXPECT_TRUE(one->outlives_process());
   EXPECT_THAT(rotating->Unseal(*one->Seal(state)), IsOk());  // the old one's
   EXPECT_THAT(two->Unseal(*rotating->Seal(state)), IsOk());  // sealed with the new one
-  EXPECT_THAT(two->Unseal(*one->Seal(state)), StatusIs(kRefused, HasSubstr("other keys")));
+  EXPECT_THAT(two->Unseal(*one->Seal(state)), StatusIs(kPrecondition, HasSubstr("other keys")));
 }
 
 TEST_F(TokenSealerTest, ARandomKeyIsOfThisProcessAlone) {
@@ -80,7 +79,7 @@ TEST_F(TokenSealerTest, ARandomKeyIsOfThisProcessAlone) {
   const auto token = sealer->Seal(state);
   ASSERT_THAT(token, IsOk());
   EXPECT_THAT(sealer->Unseal(*token), IsOk());
-  EXPECT_THAT(other->Unseal(*token), StatusIs(kRefused, HasSubstr("other keys")));
+  EXPECT_THAT(other->Unseal(*token), StatusIs(kPrecondition, HasSubstr("other keys")));
 }
 
 TEST_F(TokenSealerTest, TokensGrowTooOldByTheWallClock) {
@@ -91,7 +90,7 @@ TEST_F(TokenSealerTest, TokensGrowTooOldByTheWallClock) {
   clock_.Advance(absl::Hours(2));
   EXPECT_THAT(sealer->Unseal(*token), IsOk());
   clock_.SetWallBy(absl::Seconds(1));
-  EXPECT_THAT(sealer->Unseal(*token), StatusIs(kRefused, HasSubstr("too old")));
+  EXPECT_THAT(sealer->Unseal(*token), StatusIs(kPrecondition, HasSubstr("too old")));
   clock_.SetWallBy(absl::Hours(-3));  // a server whose clock is slow
   EXPECT_THAT(sealer->Unseal(*token), IsOk());
   clock_.SetWallBy(absl::Hours(100'000));
@@ -120,9 +119,10 @@ TEST_F(TokenSealerTest, ASealedStateThatMakesNoSenseIsRefused) {
   checkpoint::v1::SessionState message = ToProto(RandomState(16).Session({}));
   EXPECT_THAT(unseal(message.SerializeAsString()), IsOk());
   message.mutable_tracks(1)->clear_position_x();
-  EXPECT_THAT(unseal(message.SerializeAsString()), StatusIs(kRefused, HasSubstr("track 1: there are no estimates")));
-  EXPECT_THAT(unseal("\xff\xff\xff"), StatusIs(kRefused, HasSubstr("no session's state")));
-  EXPECT_THAT(unseal(""), StatusIs(kRefused, HasSubstr("malformed")));
+  EXPECT_THAT(unseal(message.SerializeAsString()),
+              StatusIs(kPrecondition, HasSubstr("track 1: there are no estimates")));
+  EXPECT_THAT(unseal("\xff\xff\xff"), StatusIs(kPrecondition, HasSubstr("no session's state")));
+  EXPECT_THAT(unseal(""), StatusIs(kPrecondition, HasSubstr("malformed")));
 }
 
 TEST_F(TokenSealerTest, MutatedStatesAreTakenOrRefusedButNeverHarm) {
@@ -133,7 +133,7 @@ TEST_F(TokenSealerTest, MutatedStatesAreTakenOrRefusedButNeverHarm) {
   for (int round = 0; round < 5000; ++round) {
     const std::string content = Mutate(good, good.size(), random);
     const auto state = sealer->Unseal(*SealToken(content, keys.sealing(), clock_.WallNow()));
-    EXPECT_THAT(state, AnyOf(IsOk(), StatusIs(kRefused)));
+    EXPECT_THAT(state, AnyOf(IsOk(), StatusIs(kPrecondition)));
   }
 }
 

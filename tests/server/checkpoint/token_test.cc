@@ -21,7 +21,6 @@ namespace {
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
 
-constexpr auto kRefused = absl::StatusCode::kFailedPrecondition;
 const absl::Time kNow = absl::FromUnixSeconds(1'800'000'000);
 
 KeyRing Keys(const std::string& id, char secret) {
@@ -60,32 +59,32 @@ TEST_F(TokenTest, IsRefusedWhicheverBitIsAnother) {
     for (int bit = 0; bit < 8; ++bit) {
       std::string token = token_;
       token[at] = static_cast<char>(token[at] ^ (1 << bit));
-      EXPECT_THAT(Open(token), StatusIs(kRefused)) << at << " " << bit;
+      EXPECT_THAT(Open(token), StatusIs(kPrecondition)) << at << " " << bit;
     }
   }
 }
 
 TEST_F(TokenTest, IsRefusedAtWhicheverLengthItIsCutOff) {
   for (size_t length = 0; length < token_.size(); ++length) {
-    EXPECT_THAT(Open(token_.substr(0, length)), StatusIs(kRefused, HasSubstr(length < 4 ? "no token" : "cut off")))
+    EXPECT_THAT(Open(token_.substr(0, length)), StatusIs(kPrecondition, HasSubstr(length < 4 ? "no token" : "cut off")))
         << length;
   }
-  EXPECT_THAT(Open(token_ + "x"), StatusIs(kRefused, HasSubstr("tampered")));
+  EXPECT_THAT(Open(token_ + "x"), StatusIs(kPrecondition, HasSubstr("tampered")));
 }
 
 TEST_F(TokenTest, SaysWhatIsWrong) {
-  EXPECT_THAT(Open("a token of somebody else"), StatusIs(kRefused, HasSubstr("is no token")));
+  EXPECT_THAT(Open("a token of somebody else"), StatusIs(kPrecondition, HasSubstr("is no token")));
   std::string token = token_;
   token[4] = 2;
-  EXPECT_THAT(Open(token), StatusIs(kRefused, HasSubstr("has version 2")));
+  EXPECT_THAT(Open(token), StatusIs(kPrecondition, HasSubstr("has version 2")));
   token = token_;
   token[body_at_ + 3] ^= 1;
-  EXPECT_THAT(Open(token), StatusIs(kRefused, HasSubstr("was tampered with")));
-  EXPECT_THAT(OpenToken(token_, Keys("key", 't'), kNow).status(), StatusIs(kRefused, HasSubstr("another secret")));
+  EXPECT_THAT(Open(token), StatusIs(kPrecondition, HasSubstr("was tampered with")));
+  EXPECT_THAT(OpenToken(token_, Keys("key", 't'), kNow).status(), StatusIs(kPrecondition, HasSubstr("another secret")));
   EXPECT_THAT(OpenToken(token_, Keys("other", 's'), kNow).status(),
-              StatusIs(kRefused, HasSubstr("by a server with other keys: this one has no key 'key'")));
+              StatusIs(kPrecondition, HasSubstr("by a server with other keys: this one has no key 'key'")));
   EXPECT_THAT(OpenToken(token_, keys_, kNow + absl::Seconds(1)).status(),
-              StatusIs(kRefused, HasSubstr("too old: it was made at 2027-01-15T08:00:00+00:00")));
+              StatusIs(kPrecondition, HasSubstr("too old: it was made at 2027-01-15T08:00:00+00:00")));
 }
 
 TEST_F(TokenTest, EveryKeyOfTheRingOpens) {
@@ -94,7 +93,7 @@ TEST_F(TokenTest, EveryKeyOfTheRingOpens) {
   ASSERT_THAT(rotated, IsOk());
   EXPECT_THAT(OpenToken(token_, *rotated, kNow), IsOkAndHolds(content_));
   const std::string newer = *SealToken(content_, rotated->sealing(), kNow);
-  EXPECT_THAT(Open(newer), StatusIs(kRefused, HasSubstr("no key 'new'")));
+  EXPECT_THAT(Open(newer), StatusIs(kPrecondition, HasSubstr("no key 'new'")));
 }
 
 TEST_F(TokenTest, NoMemoryIsTakenForMoreThanASessionSays) {
@@ -108,7 +107,7 @@ TEST_F(TokenTest, NoMemoryIsTakenForMoreThanASessionSays) {
               StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("at most 16777216")));
   EXPECT_THAT(SealToken(std::string(kMaxSealedBytes + 1, '\0'), keys_.sealing(), kNow),
               StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("a checkpoint holds")));
-  EXPECT_THAT(Open(token_ + incompressible), StatusIs(kRefused, HasSubstr("longer than any")));
+  EXPECT_THAT(Open(token_ + incompressible), StatusIs(kPrecondition, HasSubstr("longer than any")));
 }
 
 // Signed rightly, by a server that is wrong itself.
@@ -117,15 +116,15 @@ TEST_F(TokenTest, ARightSignatureIsNotTrustedBlindly) {
   EXPECT_EQ(Signed(unsigned_token, keys_.sealing()), token_);
   std::string token = unsigned_token;
   token[size_at_] = '\xff';  // it says that it holds 4 GB
-  EXPECT_THAT(Open(Signed(token, keys_.sealing())), StatusIs(kRefused, HasSubstr("more than any session")));
+  EXPECT_THAT(Open(Signed(token, keys_.sealing())), StatusIs(kPrecondition, HasSubstr("more than any session")));
   for (const int change : {-1, 1}) {
     token = unsigned_token;
     token[size_at_ + 3] = static_cast<char>(token[size_at_ + 3] + change);
-    EXPECT_THAT(Open(Signed(token, keys_.sealing())), StatusIs(kRefused, HasSubstr("does not hold what it says")));
+    EXPECT_THAT(Open(Signed(token, keys_.sealing())), StatusIs(kPrecondition, HasSubstr("does not hold what it says")));
   }
   token = unsigned_token;
   token[body_at_ + 4] = static_cast<char>(token[body_at_ + 4] + 1);
-  EXPECT_THAT(Open(Signed(token, keys_.sealing())), StatusIs(kRefused, HasSubstr("does not hold what it says")));
+  EXPECT_THAT(Open(Signed(token, keys_.sealing())), StatusIs(kPrecondition, HasSubstr("does not hold what it says")));
 }
 
 TEST_F(TokenTest, GarbageIsRefused) {
@@ -133,10 +132,10 @@ TEST_F(TokenTest, GarbageIsRefused) {
   for (int round = 0; round < 20'000; ++round) {
     const std::string token = Mutate(token_, body_at_, random);
     if (token == token_) continue;
-    EXPECT_THAT(Open(token), StatusIs(kRefused)) << absl::CHexEscape(token);
+    EXPECT_THAT(Open(token), StatusIs(kPrecondition)) << absl::CHexEscape(token);
     const absl::Status again = Open(Signed(token.substr(0, token.size() - std::min<size_t>(32, token.size())),
                                            keys_.sealing()));  // signed anew, so that the rest is looked at
-    EXPECT_THAT(again, AnyOf(IsOk(), StatusIs(kRefused))) << absl::CHexEscape(token);
+    EXPECT_THAT(again, AnyOf(IsOk(), StatusIs(kPrecondition))) << absl::CHexEscape(token);
   }
 }
 

@@ -22,18 +22,17 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
-constexpr ImageSize kPicture{128, 96};
-constexpr PointQuery kPoint{7, 40.5f, 50.25f};
+constexpr PointQuery kWatched{7, 40.5f, 50.25f};
 
-SessionConfig PictureConfig() {
-  SessionConfig config = Config({kPoint, {8, 70, 30}});
+SessionConfig PolishedConfig() {
+  SessionConfig config = Config({kWatched, {8, 70, 30}});
   config.raw_size = config.processing_size = kPicture;
   config.polish = true;
   return config;
 }
 
 // A picture that moves by 3/4 of a pixel a frame and, from frame 30 on, becomes another one slowly.
-Frame PictureFrame(int64_t index) {
+Frame CoveredFrame(int64_t index) {
   const float shift = 0.75f * static_cast<float>(index);
   GrayImage image = ShiftedTexture(kPicture, shift, 0);
   if (index >= 30) Cover(image, 0, static_cast<int>(index - 30) * 4, /*seed=*/9);
@@ -81,12 +80,12 @@ class CalibratedEngineTest : public EngineTest {
     RecordingListener listener;
     auto session = Open(config, listener);
     for (int64_t i = 0; i < frames; ++i) {
-      EXPECT_THAT(listener.Push(*session, PictureFrame(i)), IsOk());
-      if (slowly && i % 8 == 7) listener.AwaitFinal(kPoint.id, i < 23 ? 1 : static_cast<size_t>(i - 14));
+      EXPECT_THAT(listener.Push(*session, CoveredFrame(i)), IsOk());
+      if (slowly && i % 8 == 7) listener.AwaitFinal(kWatched.id, i < 23 ? 1 : static_cast<size_t>(i - 14));
     }
     session->Finish();
     EXPECT_THAT(listener.AwaitDone(), IsOk());
-    return listener.Final(kPoint.id);
+    return listener.Final(kWatched.id);
   }
 };
 
@@ -166,15 +165,15 @@ TEST_F(CalibratedEngineTest, TheSinkHearsWhatPolishFound) {
   model_->step = 0.03f;
   const Calibration calibration({-0.5, 0.25, 0.125, 0.5, -0.25, -0.125, 1, 0.5, -1});
   model_->SetCalibration(calibration.ToJson());
-  const FinalTrack track = Track(PictureConfig(), 60);
+  const FinalTrack track = Track(PolishedConfig(), 60);
   ASSERT_THAT(track, SizeIs(60));
   std::map<Evidence::Polish, int> outcomes;
   for (const auto& [key, evidence] : told.evidence()) {
-    if (key.first != kPoint.id) continue;
+    if (key.first != kWatched.id) continue;
     ++outcomes[evidence.polish];
     EXPECT_EQ(track.at(key.second).confidence, calibration.Confidence(evidence)) << "frame " << key.second;
   }
-  EXPECT_EQ(told.FramesOf(kPoint.id), FramesFrom(1, 59));
+  EXPECT_EQ(told.FramesOf(kWatched.id), FramesFrom(1, 59));
   EXPECT_GE(outcomes[Evidence::Polish::kFromQuery], 29) << "as long as the picture only moves";
   EXPECT_GE(outcomes[Evidence::Polish::kNotFound], 1) << "once it is another one";
   EXPECT_EQ(outcomes[Evidence::Polish::kNotTried], 0);
@@ -184,10 +183,10 @@ TEST_F(CalibratedEngineTest, FinalConfidencesDoNotDependOnThePace) {
   model_->keep_starts = true;
   model_->step = 0.03f;
   model_->SetCalibration(Calibration({-0.5, 0.25, 0.125, 0.5, -0.25, -0.125, 1, 0.5, -1}).ToJson());
-  const FinalTrack fast = Track(PictureConfig(), 60), slow = Track(PictureConfig(), 60, /*slowly=*/true);
+  const FinalTrack fast = Track(PolishedConfig(), 60), slow = Track(PolishedConfig(), 60, /*slowly=*/true);
   ASSERT_THAT(fast, SizeIs(60));
   EXPECT_EQ(fast, slow);
-  SessionConfig live = PictureConfig();
+  SessionConfig live = PolishedConfig();
   live.emit = Emit::kEveryFrame;
   EXPECT_EQ(Track(live, 60), fast);
   EXPECT_EQ(Track(live, 60, /*slowly=*/true), fast);

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string>
@@ -34,6 +35,31 @@ TEST_F(EngineTest, TracksAClipFromTheFirstFrameToTheLast) {
   EXPECT_EQ(listener.summary().frames, 50);
   EXPECT_EQ(listener.summary().points, 1);
   EXPECT_EQ(listener.summary().final_samples, 50);
+}
+
+TEST_F(EngineTest, TellsWhoWantsToKnowOfItsWorkForEachSession) {
+  RecordingListener listener, other;
+  listener.want_work = true;
+  auto session = Open(Config({{7, 10, 20}, {8, 20, 10}}), listener);
+  auto beside = Open(Config({{1, 10, 20}}), other);
+  PushFrames(*session, listener, 0, 50);
+  PushFrames(*beside, other, 0, 30);
+  session->Finish();
+  beside->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  EXPECT_THAT(other.AwaitDone(), IsOk());
+  std::map<Stage, int64_t> counts;
+  for (const StageWork& work : listener.work()) {
+    counts[work.stage] += work.count;
+    EXPECT_LE(work.begin, work.end);
+    EXPECT_GE(work.first_frame, 0);
+    EXPECT_LT(work.first_frame, 50);
+  }
+  EXPECT_EQ(counts[Stage::kDecode], 50);
+  EXPECT_EQ(counts[Stage::kEncode], 50);
+  EXPECT_GE(counts[Stage::kRefine], 2 * (50 - 24) / 8);  // a window of each point every hop
+  EXPECT_GE(counts[Stage::kEmit], 2);
+  EXPECT_THAT(other.work(), IsEmpty());
 }
 
 TEST_F(EngineTest, EncodesEveryFrameOnceWhateverThePointsAndWindows) {

@@ -17,7 +17,6 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
-constexpr ImageSize kPicture{128, 96};
 constexpr float kSpeedX = 0.75f, kSpeedY = 0.25f;  // pixels a frame
 constexpr PointQuery kPoint{7, 40.5f, 50.25f};
 

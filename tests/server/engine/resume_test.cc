@@ -24,7 +24,6 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
-constexpr ImageSize kPicture{128, 96};
 constexpr int64_t kFrames = 64;
 constexpr PointId kIds[] = {1, 2, 3, 4, 5};
 

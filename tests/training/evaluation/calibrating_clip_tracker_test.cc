@@ -21,7 +21,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
-constexpr ImageSize kSize = {256, 256};  // so that a pixel is a scored pixel
+constexpr ImageSize kCalibratedSize = {256, 256};  // so that a pixel is a scored pixel
 
 // Evidence that can be told from any other.
 Evidence EvidenceOf(PointId id, int64_t frame) {
@@ -83,7 +83,7 @@ class CalibratingClipTrackerTest : public ::testing::Test {
 };
 
 Sample Still(int64_t frames, int64_t points) {
-  return MovingTexture(frames, kSize, {0, 0}, std::vector<cv::Point2f>(points, cv::Point2f(100, 100)));
+  return MovingTexture(frames, kCalibratedSize, {0, 0}, std::vector<cv::Point2f>(points, cv::Point2f(100, 100)));
 }
 
 TEST(EvidenceLogTest, GivesWhatWasReportedOnce) {

@@ -25,7 +25,7 @@ using ::testing::IsEmpty;
 using ::testing::Optional;
 using ::testing::SizeIs;
 
-constexpr ImageSize kSize = {256, 256};  // so that a pixel is a scored pixel
+constexpr ImageSize kScoredSize = {256, 256};  // so that a pixel is a scored pixel
 
 class TickingClock final : public Clock {
  public:
@@ -68,7 +68,7 @@ Report StandingOn(const Sample& clip, float offset) {
 }
 
 Sample Still(int64_t points) {
-  return MovingTexture(4, kSize, {0, 0}, std::vector<cv::Point2f>(points, cv::Point2f(100, 100)));
+  return MovingTexture(4, kScoredSize, {0, 0}, std::vector<cv::Point2f>(points, cv::Point2f(100, 100)));
 }
 
 TEST(EvaluatorTest, ScoresEveryMethodOnTheSameClips) {
@@ -87,13 +87,13 @@ TEST(EvaluatorTest, ScoresEveryMethodOnTheSameClips) {
   EXPECT_EQ(row.name, "moving texture");
   EXPECT_EQ(row.frames, 4);
   EXPECT_EQ(row.points, 2);
-  EXPECT_EQ(row.frame_size, kSize);
+  EXPECT_EQ(row.frame_size, kScoredSize);
   EXPECT_EQ(row.processing_size, (ImageSize{512, 384}));
   EXPECT_EQ(row.seconds, 2);
 }
 
 TEST(EvaluatorTest, TheMeanIsOverVideosNotOverPoints) {
-  Sample moving = MovingTexture(4, kSize, {40, 0}, std::vector<cv::Point2f>(9, cv::Point2f(100, 100)));
+  Sample moving = MovingTexture(4, kScoredSize, {40, 0}, std::vector<cv::Point2f>(9, cv::Point2f(100, 100)));
   FakeTracker tracker(Standing(0));
   StreamClipTracker method(tracker, {"standing"});
   const auto reports = Evaluate(ListDataset({Still(1), moving}), {&method}, {}, TickingClock());
@@ -102,7 +102,7 @@ TEST(EvaluatorTest, TheMeanIsOverVideosNotOverPoints) {
 }
 
 TEST(EvaluatorTest, QueriesAPointInTheFirstFrameThatShowsIt) {
-  Sample clip = MovingTexture(5, kSize, {5, 0}, {{100, 100}});
+  Sample clip = MovingTexture(5, kScoredSize, {5, 0}, {{100, 100}});
   clip.visible[clip.At(0, 0)] = 0;
   clip.visible[clip.At(1, 0)] = 0;
   FakeTracker tracker(Standing(0));
@@ -143,7 +143,7 @@ TEST(EvaluatorTest, ASequenceThatFailsOneMethodCountsForNone) {
   FakeTracker failing_tracker(failing);
   StreamClipTracker good(good_tracker, {"good"});
   StreamClipTracker bad(failing_tracker, {"bad"});
-  const Sample longer = MovingTexture(7, kSize, {0, 0}, {{10, 10}});
+  const Sample longer = MovingTexture(7, kScoredSize, {0, 0}, {{10, 10}});
   const auto reports = Evaluate(ListDataset({longer, Still(1)}), {&good, &bad}, {}, TickingClock());
   ASSERT_THAT(reports, IsOk());
   EXPECT_EQ((*reports)[0].sequences.size(), 1u);
@@ -155,7 +155,7 @@ TEST(EvaluatorTest, ASequenceThatFailsOneMethodCountsForNone) {
 
 TEST(EvaluatorTest, ReliabilityIsThatOfTheClaimsOfAllSequences) {
   // 6 estimates of the points that stand are right, 3 of the one that moves are wrong.
-  const Sample moving = MovingTexture(4, kSize, {40, 0}, {{10, 10}});
+  const Sample moving = MovingTexture(4, kScoredSize, {40, 0}, {{10, 10}});
   FakeTracker tracker(Standing(0, /*confidence=*/0.75f));
   StreamClipTracker method(tracker, {"standing"});
   const auto reports = Evaluate(ListDataset({Still(2), moving}), {&method}, {}, TickingClock());

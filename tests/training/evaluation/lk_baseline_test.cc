@@ -11,7 +11,7 @@
 namespace holdfast {
 namespace {
 
-constexpr ImageSize kSize = {160, 128};
+constexpr ImageSize kTextureSize = {160, 128};
 
 ClipEstimate TrackOrDie(const LucasKanadeOptions& options, const Sample& clip, const std::vector<int64_t>& queries) {
   auto tracker = CreateLucasKanade(options);
@@ -27,9 +27,9 @@ cv::Point2f PositionIn(const ClipEstimate& estimate, const Sample& clip, int64_t
 }
 
 TEST(LucasKanadeTest, FollowsASlidingTexture) {
-  const Sample clip = MovingTexture(8, kSize, {3, -2}, {{60, 70}, {40, 90}});
+  const Sample clip = MovingTexture(8, kTextureSize, {3, -2}, {{60, 70}, {40, 90}});
   const ClipEstimate estimate = TrackOrDie({}, clip, {0, 0});
-  EXPECT_EQ(estimate.processing_size, kSize);
+  EXPECT_EQ(estimate.processing_size, kTextureSize);
   for (int64_t t = 0; t < 8; ++t) {
     for (int64_t n = 0; n < 2; ++n) {
       EXPECT_LT(cv::norm(PositionIn(estimate, clip, t, n) - clip.Position(t, n)), 0.2) << "frame " << t;
@@ -39,7 +39,7 @@ TEST(LucasKanadeTest, FollowsASlidingTexture) {
 }
 
 TEST(LucasKanadeTest, BeginsAtTheQueryFrame) {
-  const Sample clip = MovingTexture(6, kSize, {3, 0}, {{40, 60}});
+  const Sample clip = MovingTexture(6, kTextureSize, {3, 0}, {{40, 60}});
   const ClipEstimate estimate = TrackOrDie({}, clip, {3});
   EXPECT_TRUE(std::isnan(PositionIn(estimate, clip, 2, 0).x));
   EXPECT_EQ(estimate.visible[clip.At(2, 0)], 0);
@@ -48,7 +48,7 @@ TEST(LucasKanadeTest, BeginsAtTheQueryFrame) {
 }
 
 TEST(LucasKanadeTest, AnswersInPixelsOfTheClipWhateverSizeItWorksAt) {
-  const Sample clip = MovingTexture(6, kSize, {4, 2}, {{50, 50}});
+  const Sample clip = MovingTexture(6, kTextureSize, {4, 2}, {{50, 50}});
   LucasKanadeOptions options;
   options.processing_size = {80, 96};
   const ClipEstimate estimate = TrackOrDie(options, clip, {0});
@@ -57,14 +57,14 @@ TEST(LucasKanadeTest, AnswersInPixelsOfTheClipWhateverSizeItWorksAt) {
 }
 
 TEST(LucasKanadeTest, APointThatLeavesTheFrameIsHiddenAndStaysFinite) {
-  const Sample clip = MovingTexture(6, kSize, {12, 0}, {{120, 60}});
+  const Sample clip = MovingTexture(6, kTextureSize, {12, 0}, {{120, 60}});
   const ClipEstimate estimate = TrackOrDie({}, clip, {0});
   EXPECT_EQ(estimate.visible[clip.At(5, 0)], 0);
   EXPECT_TRUE(std::isfinite(PositionIn(estimate, clip, 5, 0).x));
 }
 
 TEST(LucasKanadeTest, APointWhoseWayBackEndsElsewhereIsHidden) {
-  Sample clip = MovingTexture(3, kSize, {2, 0}, {{60, 60}});
+  Sample clip = MovingTexture(3, kTextureSize, {2, 0}, {{60, 60}});
   cv::Mat covered = clip.frames[2](cv::Rect(30, 30, 70, 60));
   cv::randu(covered, 0, 255);
   LucasKanadeOptions strict;

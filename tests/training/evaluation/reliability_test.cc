@@ -18,7 +18,7 @@ using ::testing::Optional;
 using ::testing::SizeIs;
 
 // Tolerance of numbers worked out by hand from float32 confidences.
-auto About(double value) { return DoubleNear(value, 1e-6); }
+auto Nearly(double value) { return DoubleNear(value, 1e-6); }
 
 std::vector<Claim> Claims(const std::vector<std::pair<float, bool>>& claims) {
   std::vector<Claim> made;
@@ -46,28 +46,28 @@ TEST(ReliabilityTest, ConfidencesThatComeTrueAreReliable) {
   const Reliability reliability =
       Of({{1, true}, {0, false}, {0.25f, true}, {0.25f, false}, {0.25f, false}, {0.25f, false}});
   EXPECT_EQ(reliability.claims, 6);
-  EXPECT_THAT(reliability.ece, About(0));
-  EXPECT_THAT(reliability.brier, About((0.75 * 0.75 + 3 * 0.25 * 0.25) / 6));
+  EXPECT_THAT(reliability.ece, Nearly(0));
+  EXPECT_THAT(reliability.brier, Nearly((0.75 * 0.75 + 3 * 0.25 * 0.25) / 6));
 }
 
 TEST(ReliabilityTest, TheCalibrationErrorWeighsTheBinsByTheirClaims) {
   // Bin 2: confidence 1/4, of three claims one is right; bin 8: confidence 13/16 (of 3/4 + 1/16), none is.
   const Reliability reliability = Of({{0.25f, true}, {0.25f, false}, {0.25f, false}, {0.8125f, false}});
-  EXPECT_THAT(reliability.ece, About(3 / 4.0 * (1 / 3.0 - 0.25) + 1 / 4.0 * 0.8125));
-  EXPECT_THAT(reliability.brier, About((0.5625 + 0.0625 + 0.0625 + 0.66015625) / 4));
+  EXPECT_THAT(reliability.ece, Nearly(3 / 4.0 * (1 / 3.0 - 0.25) + 1 / 4.0 * 0.8125));
+  EXPECT_THAT(reliability.brier, Nearly((0.5625 + 0.0625 + 0.0625 + 0.66015625) / 4));
 }
 
 TEST(ReliabilityTest, WithinABinErrorsOfOppositeSignsCancel) {
   // Mean confidence 0.25, one of four right.
-  EXPECT_THAT(Of({{0.2188f, true}, {0.2812f, false}, {0.2188f, false}, {0.2812f, false}}).ece, About(0));
+  EXPECT_THAT(Of({{0.2188f, true}, {0.2812f, false}, {0.2188f, false}, {0.2812f, false}}).ece, Nearly(0));
 }
 
 TEST(ReliabilityTest, BinsSayTheMeanConfidenceAndTheShareThatIsRight) {
   const Reliability reliability = Of({{0.5f, true}, {0.5625f, false}, {0.53125f, true}, {0.03125f, false}});
   EXPECT_THAT(Counts(reliability), ElementsAre(1, 0, 0, 0, 0, 3, 0, 0, 0, 0));
-  EXPECT_THAT(reliability.bins[5].confidence, About(0.53125));
-  EXPECT_THAT(reliability.bins[5].right, About(2 / 3.0));
-  EXPECT_THAT(reliability.bins[0].confidence, About(0.03125));
+  EXPECT_THAT(reliability.bins[5].confidence, Nearly(0.53125));
+  EXPECT_THAT(reliability.bins[5].right, Nearly(2 / 3.0));
+  EXPECT_THAT(reliability.bins[0].confidence, Nearly(0.03125));
   EXPECT_EQ(reliability.bins[0].right, 0);
   EXPECT_EQ(reliability.bins[9].confidence, 0) << "an empty bin";
 }
@@ -89,18 +89,18 @@ TEST(ReliabilityTest, ABinBeginsWithItsTenthAndTheLastHoldsCertaintyToo) {
 }
 
 TEST(ReliabilityTest, TheAreaIsTheShareOfPairsInTheRightOrder) {
-  EXPECT_THAT(Of({{0.1f, false}, {0.2f, false}, {0.8f, true}, {0.9f, true}}).auc, Optional(About(1)));
-  EXPECT_THAT(Of({{0.9f, false}, {0.1f, true}}).auc, Optional(About(0)));
+  EXPECT_THAT(Of({{0.1f, false}, {0.2f, false}, {0.8f, true}, {0.9f, true}}).auc, Optional(Nearly(1)));
+  EXPECT_THAT(Of({{0.9f, false}, {0.1f, true}}).auc, Optional(Nearly(0)));
   // Right 0.3 and 0.7, wrong 0.2, 0.5 and 0.6: 1 + 3 of 6 pairs.
   EXPECT_THAT(Of({{0.7f, true}, {0.5f, false}, {0.3f, true}, {0.2f, false}, {0.6f, false}}).auc,
-              Optional(About(4 / 6.0)));
+              Optional(Nearly(4 / 6.0)));
 }
 
 TEST(ReliabilityTest, EqualConfidencesAreHalfInOrder) {
-  EXPECT_THAT(Of({{0.5f, true}, {0.5f, false}, {0.5f, false}}).auc, Optional(About(0.5)));
+  EXPECT_THAT(Of({{0.5f, true}, {0.5f, false}, {0.5f, false}}).auc, Optional(Nearly(0.5)));
   // Right 0.5 and 0.9, wrong 0.5, 0.5 and 0.1: (2 * 0.5 + 1) + 3 of 6 pairs.
   EXPECT_THAT(Of({{0.5f, false}, {0.9f, true}, {0.5f, true}, {0.1f, false}, {0.5f, false}}).auc,
-              Optional(About(5 / 6.0)));
+              Optional(Nearly(5 / 6.0)));
 }
 
 TEST(ReliabilityTest, ThereIsNoAreaOfOneKindOfClaimAlone) {

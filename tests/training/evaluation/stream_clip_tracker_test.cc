@@ -16,7 +16,7 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-constexpr ImageSize kSize = {48, 32};
+constexpr ImageSize kStreamSize = {48, 32};
 
 // Two frames' worth of movement a frame, hidden on odd frames and less confident on later ones.
 FakeEstimate Slide(const PointQuery& query, int64_t query_frame, int64_t frame) {
@@ -24,7 +24,7 @@ FakeEstimate Slide(const PointQuery& query, int64_t query_frame, int64_t frame) 
 }
 
 FakeTracker::Behaviour Sliding() { return {Slide}; }
-Sample Clip() { return MovingTexture(5, kSize, {2, 0}, {{10, 20}, {12, 8}}); }
+Sample Clip() { return MovingTexture(5, kStreamSize, {2, 0}, {{10, 20}, {12, 8}}); }
 
 TEST(StreamClipTrackerTest, TakesTheFinalEstimatesOnly) {
   FakeTracker tracker(Sliding());
@@ -64,14 +64,14 @@ TEST(StreamClipTrackerTest, GivesEachPointInTheFrameOfItsQuery) {
 TEST(StreamClipTrackerTest, SendsRawRgbFramesOfTheClipsOwnSize) {
   FakeTracker tracker(Sliding());
   Sample clip = Clip();
-  const cv::Mat wide(kSize.height, kSize.width + 5, CV_8UC3, cv::Scalar(1, 2, 3));
-  clip.frames[1] = wide(cv::Rect(0, 0, kSize.width, kSize.height));  // rows with a gap in memory
+  const cv::Mat wide(kStreamSize.height, kStreamSize.width + 5, CV_8UC3, cv::Scalar(1, 2, 3));
+  clip.frames[1] = wide(cv::Rect(0, 0, kStreamSize.width, kStreamSize.height));  // rows with a gap in memory
   ASSERT_THAT(StreamClipTracker(tracker, {"fake"}).Track(clip, {0, 0}), IsOk());
   EXPECT_EQ(tracker.configs()[0].encoding, FrameEncoding::kRgb24);
-  EXPECT_EQ(tracker.configs()[0].raw_size, kSize);
+  EXPECT_EQ(tracker.configs()[0].raw_size, kStreamSize);
   EXPECT_FALSE(tracker.configs()[0].send_provisional);
   const std::string& bytes = tracker.frames()[1].bytes;
-  ASSERT_EQ(bytes.size(), 3u * kSize.width * kSize.height);
+  ASSERT_EQ(bytes.size(), 3u * kStreamSize.width * kStreamSize.height);
   EXPECT_EQ(bytes.substr(bytes.size() - 3), "\x1\x2\x3");
   EXPECT_EQ(static_cast<uchar>(tracker.frames()[0].bytes[2]), TextureAt(0, 0)[2]);
 }

@@ -153,7 +153,7 @@ int64_t CountFiles(const fs::path& folder, const std::string& extension) {
   return count;
 }
 
-std::vector<Sequence> FindSequences(const fs::path& split) {
+std::vector<Sequence> SequencesOf(const fs::path& split) {
   std::vector<Sequence> sequences;
   std::error_code error;
   for (fs::directory_iterator it(split, error), end; !error && it != end; it.increment(error)) {
@@ -202,7 +202,7 @@ absl::Status Check(const PointOdysseyOptions& options) {
 absl::StatusOr<std::unique_ptr<Dataset>> PointOdyssey::Create(const PointOdysseyOptions& options) {
   if (absl::Status status = Check(options); !status.ok()) return status;
   const fs::path split = fs::path(options.root) / options.split;
-  std::vector<Sequence> sequences = FindSequences(split);
+  std::vector<Sequence> sequences = SequencesOf(split);
   std::vector<PointOdysseyDataset::Clip> clips = FindClips(options, sequences);
   if (clips.empty()) return absl::NotFoundError(absl::StrCat("no PointOdyssey sequences in ", split.string()));
   return std::unique_ptr<Dataset>(

@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "training/data/synthetic/scene_mix.h"
+
 namespace holdfast {
 namespace {
 
-constexpr double kPi = 3.141592653589793;
+using mix::kPi;
 
 cv::Point2d Apply(const cv::Matx33d& h, cv::Point2d p) {
   const double w = h(2, 0) * p.x + h(2, 1) * p.y + h(2, 2);

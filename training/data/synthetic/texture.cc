@@ -6,10 +6,12 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "training/data/synthetic/scene_mix.h"
+
 namespace holdfast {
 namespace {
 
-constexpr double kPi = 3.141592653589793;
+using mix::kPi;
 
 cv::Scalar RandomColour(Rng& rng) { return {rng.Uniform(0, 255), rng.Uniform(0, 255), rng.Uniform(0, 255)}; }
 

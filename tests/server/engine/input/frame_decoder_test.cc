@@ -20,7 +20,6 @@ using ::testing::Ge;
 using ::testing::HasSubstr;
 using ::testing::Le;
 
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 
 FrameFormat Format(FrameEncoding encoding, ImageSize raw = {}) { return {encoding, raw, 1000 * 1000}; }
 

@@ -19,7 +19,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 constexpr ImageSize kSize{40, 24};
 
 std::string Jpeg(std::vector<int> options = {}) {

@@ -18,7 +18,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 constexpr absl::string_view kSignature("\x89PNG\r\n\x1A\n", 8);
 
 std::string Number(uint32_t value) {

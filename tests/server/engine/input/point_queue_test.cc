@@ -17,7 +17,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-constexpr auto kExhausted = absl::StatusCode::kResourceExhausted;
 constexpr int kPoints = 4;
 constexpr int64_t kMostAtOneFrame = 4 * kPoints + 1024;
 

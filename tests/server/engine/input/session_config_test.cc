@@ -11,6 +11,7 @@
 
 #include "api/errors.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/violated_fields.h"
 
 namespace holdfast {
 namespace {
@@ -18,12 +19,6 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-std::vector<std::string> Fields(const absl::Status& status) {
-  std::vector<std::string> fields;
-  for (const FieldViolation& v : FieldViolations(status)) fields.push_back(v.field);
-  return fields;
-}
 
 TEST(SessionConfigTest, FillsInTheDefaults) {
   const auto accepted = Negotiate({}, {}, {});
@@ -42,7 +37,7 @@ TEST(SessionConfigTest, NamesEveryFieldThatIsWrong) {
   config.iterations = 17;
   config.label = std::string(129, 'x');
   config.points = {{1, -5, 0}};
-  EXPECT_THAT(Fields(Negotiate(config, {}, {}).status()),
+  EXPECT_THAT(ViolatedFields(Negotiate(config, {}, {}).status()),
               ElementsAre("config.raw_size", "config.processing_size", "config.hop_frames", "config.iterations",
                           "config.label", "config.points[0].x"));
 }
@@ -52,7 +47,7 @@ TEST(SessionConfigTest, NamesAFieldThatIsWrongAlone) {
     SessionConfig config;
     config.points = {{1, 2, 3}, {4, 5, 6}};
     spoil(config);
-    return Fields(Negotiate(config, {}, {}).status());
+    return ViolatedFields(Negotiate(config, {}, {}).status());
   };
   EXPECT_THAT(fields_of([](auto&) {}), IsEmpty());
   EXPECT_THAT(fields_of([](auto& c) { c.encoding = FrameEncoding::kRgb24; }), ElementsAre("config.raw_size"));
@@ -80,12 +75,12 @@ TEST(SessionConfigTest, NamesAFieldThatIsWrongAlone) {
 TEST(SessionConfigTest, WantsTheSizeOfRawFramesAndChecksPointsAgainstIt) {
   SessionConfig config;
   config.encoding = FrameEncoding::kRgb24;
-  EXPECT_THAT(Fields(Negotiate(config, {}, {}).status()), ElementsAre("config.raw_size"));
+  EXPECT_THAT(ViolatedFields(Negotiate(config, {}, {}).status()), ElementsAre("config.raw_size"));
   config.raw_size = {100000, 100000};
   EXPECT_THAT(Negotiate(config, {}, {}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("100000x100000")));
   config.raw_size = {64, 48};
   config.points = {{1, 63, 47}, {2, 64, 47}};
-  EXPECT_THAT(Fields(Negotiate(config, {}, {}).status()), ElementsAre("config.points[1].x"));
+  EXPECT_THAT(ViolatedFields(Negotiate(config, {}, {}).status()), ElementsAre("config.points[1].x"));
 }
 
 TEST(SessionConfigTest, BoundsTheProcessingSizeAndThePoints) {
@@ -94,7 +89,7 @@ TEST(SessionConfigTest, BoundsTheProcessingSizeAndThePoints) {
   options.limits.max_points = 1;
   SessionConfig config;
   config.processing_size = {64, 96};
-  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.processing_size"));
+  EXPECT_THAT(ViolatedFields(Negotiate(config, options, {}).status()), ElementsAre("config.processing_size"));
   config.processing_size = {64, 64};
   config.points = {{1}, {2}};
   EXPECT_THAT(Negotiate(config, options, {}), StatusIs(absl::StatusCode::kResourceExhausted));
@@ -117,7 +112,7 @@ TEST(SessionConfigTest, ASessionMayHaveFewerPointsThanTheEngineAllowsButNotMore)
   EXPECT_EQ(Negotiate(config, options, {})->limits.max_points, 3);
   config.max_points = 2;
   config.expected_points = 3;
-  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.expected_points"));
+  EXPECT_THAT(ViolatedFields(Negotiate(config, options, {}).status()), ElementsAre("config.expected_points"));
 }
 
 TEST(SessionConfigTest, NamesTheFirstViolationsAndCountsTheRest) {
@@ -127,7 +122,7 @@ TEST(SessionConfigTest, NamesTheFirstViolationsAndCountsTheRest) {
   for (PointId id = 0; id < 1000; ++id) config.points.push_back({id, -1, -1});
   for (PointId id = 0; id < 1000; ++id) config.points.push_back({id, std::nanf(""), 1});
   const absl::Status status = Negotiate(config, {}, {}).status();
-  EXPECT_EQ(Fields(status).size(), kMaxFieldViolations);
+  EXPECT_EQ(ViolatedFields(status).size(), kMaxFieldViolations);
   // The hop, the label, two thousand coordinates below 0, a thousand that are no numbers, a thousand ids given twice.
   EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("; and 3994 more")));
 }
@@ -145,7 +140,7 @@ TEST(SessionConfigTest, TheSwitchesOfOpticalFlowFollowTheEngineUnlessTheSessionS
   EXPECT_TRUE(Negotiate(config, options, {})->polish);
   EXPECT_EQ(Negotiate(config, options, {})->emit, Emit::kEveryFrame);
   options.chaining = Chaining::kPublished;
-  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.polish"));
+  EXPECT_THAT(ViolatedFields(Negotiate(config, options, {}).status()), ElementsAre("config.polish"));
 }
 
 TEST(SessionConfigTest, ThePublishedChainingHasOneHop) {
@@ -154,7 +149,7 @@ TEST(SessionConfigTest, ThePublishedChainingHasOneHop) {
   EXPECT_EQ(Negotiate({}, options, {})->hop_frames, 23);
   SessionConfig config;
   config.hop_frames = 8;
-  EXPECT_THAT(Fields(Negotiate(config, options, {}).status()), ElementsAre("config.hop_frames"));
+  EXPECT_THAT(ViolatedFields(Negotiate(config, options, {}).status()), ElementsAre("config.hop_frames"));
 }
 
 TEST(EngineOptionsTest, RefusesWhatCannotWork) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "tests/support/status_matchers.h"
+#include "tests/support/violated_fields.h"
 
 namespace holdfast {
 namespace {
@@ -20,9 +21,6 @@ using ::testing::Field;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
-
-constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
-constexpr auto kExhausted = absl::StatusCode::kResourceExhausted;
 
 SessionInbox::Options Raw() {
   return {{FrameEncoding::kGray8, {4, 2}, 1000}, {/*max_points=*/5, /*max_frame_bytes=*/1000, 1000, 0}, 3};
@@ -42,11 +40,6 @@ RgbImage Image() { return {{1, 1}, {0, 0, 0}}; }
 void Decode(SessionInbox& inbox, int64_t index) {
   ASSERT_TRUE(inbox.TakeBytes(index).has_value());
   inbox.SetDecoded(index, Image(), SteadyTime());
-}
-std::vector<std::string> Fields(const absl::Status& status) {
-  std::vector<std::string> fields;
-  for (const FieldViolation& v : FieldViolations(status)) fields.push_back(v.field);
-  return fields;
 }
 absl::StatusOr<Room> Push(SessionInbox& inbox, Frame frame) { return inbox.Push(std::move(frame), SteadyTime()); }
 
@@ -73,7 +66,7 @@ TEST(SessionInboxTest, GivesFramesInOrderThoughTheyAreDecodedInAnyOrder) {
 
 TEST(SessionInboxTest, WantsIndicesWithoutGapOrRepetition) {
   SessionInbox inbox(Raw());
-  EXPECT_THAT(Fields(Push(inbox, RawFrame(1)).status()), ElementsAre("frame.index"));
+  EXPECT_THAT(ViolatedFields(Push(inbox, RawFrame(1)).status()), ElementsAre("frame.index"));
   ASSERT_THAT(Push(inbox, RawFrame(0)), IsOk());
   EXPECT_THAT(Push(inbox, RawFrame(0)), StatusIs(kInvalid, HasSubstr("frame 0 came instead of frame 1")));
 }
@@ -91,18 +84,18 @@ TEST(SessionInboxTest, NamesTheFrameThatIsTooLargeOrOfAnotherSize) {
 
 TEST(SessionInboxTest, NamesThePointsThatAreOutsideAsSoonAsTheSizeIsKnown) {
   SessionInbox inbox(Png());
-  EXPECT_THAT(Fields(inbox.AddPoints("config.points", {{1, -1, 0}, {2, 0, NAN}, {2, 0, 0}})),
+  EXPECT_THAT(ViolatedFields(inbox.AddPoints("config.points", {{1, -1, 0}, {2, 0, NAN}, {2, 0, 0}})),
               ElementsAre("config.points[0].x", "config.points[1].y", "config.points[2].id"));
   ASSERT_THAT(inbox.AddPoints("config.points", {{1, 7, 7}, {2, 7, 8}}), IsOk());
   Frame frame = PngFrame(0, 8, 8);
   frame.points = {{3, 7.5f, 0}};
-  EXPECT_THAT(Fields(Push(inbox, frame).status()), ElementsAre("frame.points[0].x", "config.points[1].y"));
+  EXPECT_THAT(ViolatedFields(Push(inbox, frame).status()), ElementsAre("frame.points[0].x", "config.points[1].y"));
 }
 
 TEST(SessionInboxTest, KnowsTheBoundsOfRawFramesAtOnce) {
   SessionInbox inbox(Raw());
   EXPECT_THAT(inbox.AddPoints("add_points.points", {{1, 3, 1}}), IsOk());
-  EXPECT_THAT(Fields(inbox.AddPoints("add_points.points", {{1, 0, 0}, {2, 3.01f, 0}})),
+  EXPECT_THAT(ViolatedFields(inbox.AddPoints("add_points.points", {{1, 0, 0}, {2, 3.01f, 0}})),
               ElementsAre("add_points.points[1].x"));
 }
 

@@ -14,8 +14,6 @@ namespace {
 
 using ::testing::SizeIs;
 
-constexpr ImageSize kSize{160, 120};
-
 bool SameBits(FlowPoint a, FlowPoint b) { return a.x == b.x && a.y == b.y; }
 
 std::vector<FlowPoint> Grid() {
@@ -27,7 +25,7 @@ std::vector<FlowPoint> Grid() {
 }
 
 TEST(FlowTest, CarriesPointsAlongWithThePicture) {
-  const FlowPyramid before(ShiftedTexture(kSize, 0, 0)), after(ShiftedTexture(kSize, 5.5f, -3.25f));
+  const FlowPyramid before(ShiftedTexture(kWidePicture, 0, 0)), after(ShiftedTexture(kWidePicture, 5.5f, -3.25f));
   const std::vector<FlowPoint> points = Grid();
   const std::vector<FlowStep> steps = CarryPoints(before, after, points, 2);
   ASSERT_THAT(steps, SizeIs(points.size()));
@@ -39,7 +37,7 @@ TEST(FlowTest, CarriesPointsAlongWithThePicture) {
 }
 
 TEST(FlowTest, APointIsTheSameToTheBitAloneAndAmong60) {
-  const FlowPyramid before(ShiftedTexture(kSize, 0, 0)), after(ShiftedTexture(kSize, 3.3f, 1.7f));
+  const FlowPyramid before(ShiftedTexture(kWidePicture, 0, 0)), after(ShiftedTexture(kWidePicture, 3.3f, 1.7f));
   const std::vector<FlowPoint> points = Grid();
   const std::vector<FlowStep> carried = CarryPoints(before, after, points, 2);
   const auto followed = FollowPoints(before, after, points, points);
@@ -56,9 +54,9 @@ TEST(FlowTest, APointIsTheSameToTheBitAloneAndAmong60) {
 }
 
 TEST(FlowTest, APointThatIsCoveredStaysWhereItWas) {
-  GrayImage covered = ShiftedTexture(kSize, 4, 0);
+  GrayImage covered = ShiftedTexture(kWidePicture, 4, 0);
   Cover(covered, 50, 110, /*seed=*/9);
-  const FlowPyramid before(ShiftedTexture(kSize, 0, 0)), after(covered);
+  const FlowPyramid before(ShiftedTexture(kWidePicture, 0, 0)), after(covered);
   const FlowPoint hidden{76, 60}, seen{25, 60};
   const auto steps = CarryPoints(before, after, {hidden, seen}, 2);
   EXPECT_FALSE(steps[0].held);
@@ -68,14 +66,14 @@ TEST(FlowTest, APointThatIsCoveredStaysWhereItWas) {
 }
 
 TEST(FlowTest, WithoutTextureNothingIsFound) {
-  const FlowPyramid flat(GrayImage{kSize, std::vector<uint8_t>(size_t{160} * 120, 77)});
+  const FlowPyramid flat(GrayImage{kWidePicture, std::vector<uint8_t>(size_t{160} * 120, 77)});
   EXPECT_FALSE(CarryPoints(flat, flat, {{50, 50}}, 2)[0].held);
   EXPECT_FALSE(FollowPoints(flat, flat, {{50, 50}}, {{50, 50}})[0].has_value());
   EXPECT_FALSE(FindPatch(CutPatch(flat, {50, 50}), flat, {50, 50}).has_value());
 }
 
 TEST(FlowTest, NotANumberIsNotFound) {
-  const FlowPyramid picture(ShiftedTexture(kSize, 0, 0));
+  const FlowPyramid picture(ShiftedTexture(kWidePicture, 0, 0));
   const FlowPoint nowhere{NAN, NAN}, far{1e9f, -1e9f};
   for (const FlowPoint& point : {nowhere, far}) {
     EXPECT_FALSE(CarryPoints(picture, picture, {point}, 2)[0].held);
@@ -84,7 +82,7 @@ TEST(FlowTest, NotANumberIsNotFound) {
 }
 
 TEST(FlowTest, FindsAPatchNearAnEstimateToAFractionOfAPixel) {
-  const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 23.4f, 11.8f));
+  const FlowPyramid query(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 23.4f, 11.8f));
   const FlowPatch patch = CutPatch(query, {60.5f, 40.25f});
   const auto found = FindPatch(patch, now, {60.5f + 26, 40.25f + 9});
   ASSERT_TRUE(found.has_value());
@@ -93,7 +91,7 @@ TEST(FlowTest, FindsAPatchNearAnEstimateToAFractionOfAPixel) {
 }
 
 TEST(FlowTest, FindsAPatchAtTheEdgeOfThePicture) {
-  const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 2, 1.5f));
+  const FlowPyramid query(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 2, 1.5f));
   for (const FlowPoint& at : {FlowPoint{9, 60}, FlowPoint{80, 110}, FlowPoint{150, 9}}) {
     const auto found = FindPatch(CutPatch(query, at), now, at);
     ASSERT_TRUE(found.has_value()) << at.x << "," << at.y;
@@ -103,8 +101,8 @@ TEST(FlowTest, FindsAPatchAtTheEdgeOfThePicture) {
 }
 
 TEST(FlowTest, AMatchSaysHowGoodItIs) {
-  const FlowPyramid query(ShiftedTexture(kSize, 0, 0)), now(ShiftedTexture(kSize, 4, 0)),
-      other(ShiftedTexture(kSize, 0, 0, /*seed=*/5));
+  const FlowPyramid query(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 4, 0)),
+      other(ShiftedTexture(kWidePicture, 0, 0, /*seed=*/5));
   const FlowPoint at{60, 60};
   const FlowPatch patch = CutPatch(query, at);
   const auto match = FindPatch(patch, now, at);

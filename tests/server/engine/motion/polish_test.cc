@@ -19,7 +19,6 @@ using ::testing::IsEmpty;
 using ::testing::SizeIs;
 using Outcome = Evidence::Polish;
 
-constexpr ImageSize kSize{160, 120};
 constexpr FlowPoint kQuery{60, 60};
 constexpr float kStep = 1.5f;  // pixels a frame, to the right
 
@@ -27,7 +26,8 @@ constexpr float kStep = 1.5f;  // pixels a frame, to the right
 std::vector<FlowPyramidPtr> Pictures(int count, uint32_t seed = 1) {
   std::vector<FlowPyramidPtr> pictures;
   for (int i = 0; i < count; ++i) {
-    pictures.push_back(std::make_shared<FlowPyramid>(ShiftedTexture(kSize, kStep * static_cast<float>(i), 0, seed)));
+    pictures.push_back(
+        std::make_shared<FlowPyramid>(ShiftedTexture(kWidePicture, kStep * static_cast<float>(i), 0, seed)));
   }
   return pictures;
 }
@@ -72,7 +72,8 @@ TEST(PolishTest, MovesEstimatesToWhereThePatchOfTheQueryIs) {
 TEST(PolishTest, FollowsFromTheFrameBeforeWhereThePatchIsNotFound) {
   const auto pictures = Pictures(5);
   PolishTrack track = Track(4, 1.2f);
-  track.patch = std::make_shared<FlowPatch>(CutPatch(FlowPyramid(ShiftedTexture(kSize, 0, 0, /*seed=*/7)), kQuery));
+  track.patch =
+      std::make_shared<FlowPatch>(CutPatch(FlowPyramid(ShiftedTexture(kWidePicture, 0, 0, /*seed=*/7)), kQuery));
   Polish({&track, 1}, pictures, 0);
   ExpectExact(track);
   EXPECT_THAT(track.outcomes,
@@ -81,7 +82,7 @@ TEST(PolishTest, FollowsFromTheFrameBeforeWhereThePatchIsNotFound) {
 
 // The patch of the query as it looked in other light.
 std::shared_ptr<const FlowPatch> BrighterPatch() {
-  GrayImage query = ShiftedTexture(kSize, 0, 0);
+  GrayImage query = ShiftedTexture(kWidePicture, 0, 0);
   for (uint8_t& pixel : query.pixels) pixel = static_cast<uint8_t>(std::min(255, pixel + 12));
   return std::make_shared<FlowPatch>(CutPatch(FlowPyramid(query), kQuery));
 }
@@ -120,7 +121,7 @@ TEST(PolishTest, LeavesAnEstimateThatIsFarFromAnythingAlike) {
   auto pictures = Pictures(2);
   PolishTrack track = Track(1, 0);
   track.patch = std::make_shared<FlowPatch>(CutPatch(*pictures[0], kQuery));
-  pictures[1] = std::make_shared<FlowPyramid>(ShiftedTexture(kSize, 0, 0, /*seed=*/7));
+  pictures[1] = std::make_shared<FlowPyramid>(ShiftedTexture(kWidePicture, 0, 0, /*seed=*/7));
   const FlowPoint estimate = track.positions[0];
   Polish({&track, 1}, pictures, 0);
   EXPECT_EQ(track.positions[0].x, estimate.x);
