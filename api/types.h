@@ -119,7 +119,8 @@ struct SessionAccepted {
   // The most frames that the newest checkpoint may lie behind the newest frame that was tracked: who wants to resume
   // keeps so many, and checkpoint_interval_frames more. 0: this session has no checkpoints.
   int replay_frames = 0;
-  std::string server;  // the remote one's address
+  std::string trace_id;  // of a remote session: the trace that it belongs to, 32 hexadecimal digits
+  std::string server;    // the remote one's address
 };
 
 // All that is needed to go on elsewhere, beside the frames from next_frame on.

@@ -7,8 +7,9 @@
 
 namespace holdfast {
 
-grpc::ClientContext* Authorized(const RemoteServer& server, grpc::ClientContext& context) {
+grpc::ClientContext* Introduced(const RemoteServer& server, grpc::ClientContext& context) {
   if (!server.token.empty()) context.AddMetadata("authorization", absl::StrCat("Bearer ", server.token));
+  if (!server.trace_parent.empty()) context.AddMetadata("traceparent", server.trace_parent);
   return &context;
 }
 

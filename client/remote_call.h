@@ -18,11 +18,12 @@ namespace holdfast {
 struct RemoteServer {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
-  std::string token;  // of the caller; empty: it has none
+  std::string token;         // of the caller; empty: it has none
+  std::string trace_parent;  // of its calls; empty: they are in no trace
 };
 
-// 'context' with the caller's token for 'server', before its call begins.
-grpc::ClientContext* Authorized(const RemoteServer& server, grpc::ClientContext& context);
+// 'context' with what 'server' is to know of the caller, before its call begins.
+grpc::ClientContext* Introduced(const RemoteServer& server, grpc::ClientContext& context);
 
 // The code and the details of 'status' with another text.
 absl::Status WithText(const absl::Status& status, absl::string_view text);
@@ -34,7 +35,7 @@ absl::Status AboutServer(absl::string_view address, const absl::Status& status, 
 class RemoteCall {
  public:
   explicit RemoteCall(const RemoteServer& server)
-      : stub_(v1::PointTracking::NewStub(server.channel)), call_(stub_->Track(Authorized(server, context_))) {}
+      : stub_(v1::PointTracking::NewStub(server.channel)), call_(stub_->Track(Introduced(server, context_))) {}
 
   // False: the call is over.
   bool Write(const v1::TrackRequest& request) { return call_->Write(request); }

@@ -3,8 +3,10 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <algorithm>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -22,6 +24,13 @@ namespace {
 constexpr int kFirstBackoffMs = 100;  // a server that is just starting is found soon
 constexpr int kMaxBackoffMs = 1000;
 constexpr int kNameLookupMs = 2000;  // at most so often: a server that is replaced has another address
+// Of a URI that names several servers: sessions go round those that say that they take some.
+constexpr char kSpread[] = R"({"loadBalancingConfig": [{"round_robin": {}}],
+                               "healthCheckConfig": {"serviceName": "holdfast.v1.PointTracking"}})";
+
+bool NamesSeveral(const std::string& address) {
+  return absl::StartsWith(address, "dns:") || absl::StartsWith(address, "ipv4:") || absl::StartsWith(address, "ipv6:");
+}
 
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const RemoteTracker::Options& options) {
   grpc::ChannelArguments arguments;
@@ -35,6 +44,8 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const Rem
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kMaxBackoffMs);
   arguments.SetInt(GRPC_ARG_DNS_MIN_TIME_BETWEEN_RESOLUTIONS_MS, kNameLookupMs);
+  arguments.SetInt(GRPC_ARG_SERVICE_CONFIG_DISABLE_RESOLUTION, 1);  // a name server has no say in what follows
+  if (NamesSeveral(address)) arguments.SetServiceConfigJSON(kSpread);
   if (!options.tls.server_name.empty()) arguments.SetSslTargetNameOverride(options.tls.server_name);
   return grpc::CreateCustomChannel(address, MakeChannelCredentials(options.tls), arguments);
 }
@@ -43,7 +54,7 @@ grpc::Status AskInfo(const RemoteServer& server, absl::Duration timeout, v1::Get
   grpc::ClientContext context;
   context.set_deadline(SteadyDeadline(timeout));
   const auto stub = v1::PointTracking::NewStub(server.channel);
-  return stub->GetServerInfo(Authorized(server, context), v1::GetServerInfoRequest(), response);
+  return stub->GetServerInfo(Introduced(server, context), v1::GetServerInfoRequest(), response);
 }
 
 // A channel does not tell why it failed to connect, a call that does not wait for it does.
@@ -75,6 +86,9 @@ absl::Status RemoteTracker::Options::Validate() const {
   if (absl::Status status = CheckAddresses(addresses); !status.ok()) return status;
   if (absl::Status status = tls.Validate(); !status.ok()) return status;
   if (absl::Status status = CheckToken(token); !status.ok()) return status;
+  if (!std::all_of(trace_parent.begin(), trace_parent.end(), absl::ascii_isgraph)) {
+    return InvalidFieldError("trace_parent", "expected visible ASCII characters, as W3C Trace Context has it");
+  }
   if (connect_timeout <= absl::ZeroDuration()) return InvalidFieldError("connect_timeout", "expected more than zero");
   if (answer_timeout <= absl::ZeroDuration()) return InvalidFieldError("answer_timeout", "expected more than zero");
   if (max_receive_bytes <= 0) return InvalidFieldError("max_receive_bytes", "expected more than zero");
@@ -91,7 +105,7 @@ absl::StatusOr<std::unique_ptr<RemoteTracker>> RemoteTracker::Connect(const Opti
   if (!valid.ok()) return valid;
   std::vector<RemoteServer> servers;
   for (const std::string& address : options.addresses) {
-    servers.push_back({address, MakeChannel(address, options), options.token});
+    servers.push_back({address, MakeChannel(address, options), options.token, options.trace_parent});
   }
   std::vector<std::string> reasons;
   for (size_t i = 0; i < servers.size(); ++i) {

@@ -29,10 +29,14 @@ struct RemoteServer;
 class RemoteTracker final : public PointTracker {
  public:
   struct Options {
-    // "host:port", tried in order and in rotation. A host's name may have several addresses of its own.
+    // "host:port", tried in order and in rotation; of a host's addresses the first that answers is taken. Or one URI
+    // for several servers, "dns:///host:port" or "ipv4:a:port,b:port": sessions are spread over all of its addresses
+    // whose grpc.health.v1 says that they take sessions. Servers behind one URI need the same --checkpoint_keys to
+    // resume.
     std::vector<std::string> addresses;
     ClientTls tls;
-    std::string token;  // sent with every call, to servers that let in only whom they know; empty: none
+    std::string token;         // sent with every call, to servers that let in only whom they know; empty: none
+    std::string trace_parent;  // sent as "traceparent" (W3C Trace Context): sessions belong to that trace; empty: none
     absl::Duration connect_timeout = absl::Seconds(5);  // for the connection to stand, at each address
     absl::Duration answer_timeout = absl::Seconds(30);  // for a server to accept a session, or to answer Info()
 

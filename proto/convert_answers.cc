@@ -69,6 +69,7 @@ v1::SessionAccepted ToProto(const SessionAccepted& accepted) {
   out.set_first_frame(accepted.first_frame);
   out.set_checkpoint_interval_frames(accepted.checkpoint_interval_frames);
   out.set_replay_frames(accepted.replay_frames);
+  out.set_trace_id(accepted.trace_id);
   return out;
 }
 
@@ -91,6 +92,7 @@ absl::StatusOr<SessionAccepted> FromProto(const v1::SessionAccepted& accepted) {
   out.first_frame = accepted.first_frame();
   out.checkpoint_interval_frames = static_cast<int>(accepted.checkpoint_interval_frames());
   out.replay_frames = static_cast<int>(accepted.replay_frames());
+  out.trace_id = accepted.trace_id();
   return out;
 }
 

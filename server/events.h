@@ -7,6 +7,7 @@ namespace holdfast {
 
 enum class RefusalReason { kLoading, kDraining, kStreams, kToken };
 enum class ResumeResult { kResumed, kRefused };
+enum class SpanResult { kSent, kDropped };
 
 // What the server reports beside the engine's events. Implementations are thread-safe and quick.
 class ServerEvents {
@@ -15,6 +16,7 @@ class ServerEvents {
   virtual void StreamRefused(RefusalReason reason) = 0;  // before it reached the engine
   virtual void SessionResumed(ResumeResult result) = 0;  // what came of a stream that began with a token
   virtual void CheckpointSent(int64_t token_bytes) = 0;
+  virtual void SpansDone(SpanResult result, int64_t count) = 0;  // of traces, and what the collector did with them
 };
 
 }  // namespace holdfast

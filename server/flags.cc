@@ -35,6 +35,9 @@ ABSL_FLAG(std::string, metrics_listen, Defaults().metrics_listen,
           "Serves /metrics, /healthz and /readyz over HTTP on this host:port. Port 0: a free one.");
 ABSL_FLAG(std::string, port_file, Defaults().port_file,
           "Writes the bound ports to this file once the server is ready. Empty: to no file.");
+ABSL_FLAG(bool, healthcheck, false,
+          "Asks the server that runs with these flags, at --metrics_listen, whether it takes sessions, and ends: exit "
+          "status 0 when it does, 1 when not.");
 ABSL_FLAG(std::string, weights, "",
           "Loads the network from this safetensors file. Empty: the shipped one, beside the program, of its source "
           "tree or installed.");
@@ -42,7 +45,7 @@ ABSL_FLAG(std::string, device, Defaults().engine.device,
           "Computes on this device, as LibTorch names it: cpu, cuda, cuda:1.");
 ABSL_FLAG(std::string, precision, "auto",
           "Computes in float32 or bfloat16. auto: bfloat16 where the device computes it faster and a check at start "
-          "finds it right.");
+          "finds it right. On a processor without AVX-512 bfloat16 takes many times as long.");
 ABSL_FLAG(
     int, compute_threads, Defaults().engine.compute_threads,
     "Gives one tensor operation this many threads; fewer leave cores to decoding and to neighbours. 0: all cores.");
@@ -118,6 +121,9 @@ ABSL_FLAG(absl::Duration, keepalive_time, Defaults().keepalive_time,
 ABSL_FLAG(absl::Duration, max_connection_age, Defaults().max_connection_age,
           "Takes no new streams on a connection that is older than this, so that clients spread over new servers. inf: "
           "always.");
+ABSL_FLAG(std::string, otlp_endpoint, Defaults().otlp_endpoint,
+          "Sends spans of sessions and of the work for them over OTLP/gRPC to this collector: host:port, or "
+          "https://host:port. Callers' traceparent decides which; without one, all. Empty: none.");
 ABSL_FLAG(std::string, log_format, "text", "Writes log lines as text or json.");
 ABSL_FLAG(std::string, log_level, Defaults().log_level,
           "Logs what is at least this grave: trace, debug, info, warning, error, critical or off.");
@@ -182,6 +188,11 @@ absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
 
 }  // namespace
 
+std::optional<std::string> AddressToCheck() {
+  if (!absl::GetFlag(FLAGS_healthcheck)) return std::nullopt;
+  return absl::GetFlag(FLAGS_metrics_listen);
+}
+
 absl::StatusOr<ServerOptions> OptionsFromFlags() {
   ServerOptions options;
   auto engine = EngineOptionsFromFlags();
@@ -192,6 +203,7 @@ absl::StatusOr<ServerOptions> OptionsFromFlags() {
   options.log_format = *log_format;
   options.log_level = absl::GetFlag(FLAGS_log_level);
   options.listen = absl::GetFlag(FLAGS_listen);
+  options.otlp_endpoint = absl::GetFlag(FLAGS_otlp_endpoint);
   options.metrics_listen = absl::GetFlag(FLAGS_metrics_listen);
   options.port_file = absl::GetFlag(FLAGS_port_file);
   options.first_message_timeout = absl::GetFlag(FLAGS_first_message_timeout);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // holdfast-server: flags -> options -> objects -> run. Exit status: 0 after a signal, 1 when it could not start, 2 for
-// wrong flags.
+// wrong flags. With --healthcheck it asks another one how it is.
 #include <spdlog/logger.h>
 
 #include <cstdlib>
@@ -18,6 +18,7 @@
 #include "server/checkpoint/token_sealer.h"
 #include "server/engine/engine.h"
 #include "server/flags.h"
+#include "server/health_check.h"
 #include "server/http_endpoint.h"
 #include "server/logging.h"
 #include "server/port_file.h"
@@ -27,6 +28,7 @@
 namespace holdfast {
 namespace {
 
+constexpr absl::Duration kHealthTimeout = absl::Seconds(3);
 constexpr Program kProgram = {
     "holdfast-server",
     "Tracks points in streamed video over gRPC. Every flag can also be set by an environment variable,\n"
@@ -78,19 +80,22 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
   return absl::OkStatus();
 }
 
-absl::StatusOr<ServerOptions> ReadOptions(const std::vector<std::string>& args) {
-  const absl::Status status = SetFlags(args, std::getenv);
-  if (!status.ok()) return status;
-  return OptionsFromFlags();
+int Complain(const absl::Status& status, int exit_status) {
+  std::cerr << "holdfast-server: " << status.message() << "\n";
+  return exit_status;
+}
+
+int AnswerHealthCheck(const std::string& address) {
+  const absl::Status health = CheckHealth(address, kHealthTimeout);
+  return health.ok() ? 0 : Complain(health, 1);
 }
 
 int Main(const std::vector<std::string>& args) {
   if (AnswerQuestion(kProgram, args, std::cout)) return 0;
-  const absl::StatusOr<ServerOptions> options = ReadOptions(args);
-  if (!options.ok()) {
-    std::cerr << "holdfast-server: " << options.status().message() << "\n";
-    return absl::IsNotFound(options.status()) ? 1 : 2;
-  }
+  if (const absl::Status set = SetFlags(args, std::getenv); !set.ok()) return Complain(set, 2);
+  if (const auto address = AddressToCheck()) return AnswerHealthCheck(*address);
+  const absl::StatusOr<ServerOptions> options = OptionsFromFlags();
+  if (!options.ok()) return Complain(options.status(), absl::IsNotFound(options.status()) ? 1 : 2);
   absl::Notification asked_to_stop;
   StopSignal stop;
   stop.SetCallback([&asked_to_stop] { asked_to_stop.Notify(); });

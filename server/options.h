@@ -42,6 +42,8 @@ struct ServerOptions {
   absl::Duration keepalive_time = absl::Minutes(2);
   // A connection that is older takes no new streams, so that clients come to know new servers; running ones go on.
   absl::Duration max_connection_age = absl::InfiniteDuration();
+  // Spans of sessions go to the collector of traces there (see OtlpExporter::Options). Empty: to none.
+  std::string otlp_endpoint;
   LogFormat log_format = LogFormat::kText;
   std::string log_level = "info";  // the least that is logged
   std::string port_file;           // the bound ports are written here once the server is ready; empty: nowhere

@@ -104,6 +104,7 @@ const char* Name(RefusalReason reason) {
   return "other";
 }
 
+const char* Name(SpanResult result) { return result == SpanResult::kSent ? "sent" : "dropped"; }
 const char* Name(ResumeResult result) { return result == ResumeResult::kResumed ? "resumed" : "refused"; }
 
 MetricFamily Single(const char* name, const char* help, MetricType type, double value) {
@@ -170,6 +171,7 @@ struct PrometheusMetrics::Impl {
   Counter& checkpoints = AddCounters("holdfast_checkpoints_total", "Checkpoints sent to clients.").Add({});
   Histogram& checkpoint_bytes =
       AddHistograms("holdfast_checkpoint_bytes", "Length of a checkpoint's token.").Add({}, TokenBuckets());
+  Family<Counter>& spans = AddCounters("holdfast_spans_total", "Spans of traces, by what became of them.");
   Gauge& cache_bytes = AddGauge("holdfast_cache_bytes", "Features held now, over all sessions.");
   Gauge& work_budget =
       AddGauge("holdfast_work_budget", "Point-frames a second that sessions may be promised, as of the last batch.");
@@ -191,6 +193,7 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
   Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory, RejectReason::kWork});
   Impl::Prepare(impl_->rejected, "reason",
                 {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams, RefusalReason::kToken});
+  Impl::Prepare(impl_->spans, "result", {SpanResult::kSent, SpanResult::kDropped});
   Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused});
   for (const Stage stage :
        {Stage::kDecode, Stage::kFlow, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {
@@ -282,6 +285,10 @@ void PrometheusMetrics::SessionResumed(ResumeResult result) {
 void PrometheusMetrics::CheckpointSent(int64_t token_bytes) {
   impl_->checkpoints.Increment();
   impl_->checkpoint_bytes.Observe(static_cast<double>(token_bytes));
+}
+
+void PrometheusMetrics::SpansDone(SpanResult result, int64_t count) {
+  impl_->spans.Add({{"result", Name(result)}}).Increment(static_cast<double>(count));
 }
 
 }  // namespace holdfast

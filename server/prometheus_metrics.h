@@ -41,6 +41,7 @@ class PrometheusMetrics final : public EngineMetrics, public ServerEvents {
   void StreamRefused(RefusalReason reason) override;
   void SessionResumed(ResumeResult result) override;
   void CheckpointSent(int64_t token_bytes) override;
+  void SpansDone(SpanResult result, int64_t count) override;
 
  private:
   struct Impl;

@@ -16,6 +16,7 @@
 #include "api/address.h"
 #include "api/limits.h"
 #include "proto/grpc_deadline.h"
+#include "server/tracing/otlp_exporter.h"
 
 namespace holdfast {
 namespace {
@@ -31,12 +32,13 @@ int Milliseconds(absl::Duration duration) {
       std::min<int64_t>(absl::ToInt64Milliseconds(duration), std::numeric_limits<int>::max()));  // gRPC's "infinite"
 }
 
-TrackService::Options ServiceOptions(const ServerOptions& options) {
+TrackService::Options ServiceOptions(const ServerOptions& options, SpanSink* spans) {
   TrackService::Options service;
   service.stream.first_message_timeout = options.first_message_timeout;
   service.stream.idle_timeout = options.idle_timeout;
   service.max_streams = options.engine.max_sessions + kWaitingStreams;
   service.grace_period = options.grace_period;
+  service.spans = spans;
   return service;
 }
 
@@ -60,12 +62,21 @@ class WithoutReflection final : public grpc::ServerBuilderOption {
   }
 };
 
+absl::StatusOr<std::unique_ptr<SpanSink>> MakeSpanSink(const std::string& endpoint, ServerEvents& events,
+                                                       const std::shared_ptr<spdlog::logger>& log) {
+  if (endpoint.empty()) return std::unique_ptr<SpanSink>();
+  OtlpExporter::Options options;
+  options.endpoint = endpoint;
+  return OtlpExporter::Create(options, events, log);
+}
+
 }  // namespace
 
-Server::Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, Clock& clock, ServerEvents& events,
-               std::shared_ptr<spdlog::logger> log)
+Server::Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, std::unique_ptr<SpanSink> spans,
+               Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log)
     : gatekeeper_(std::move(gatekeeper)),
-      service_(ServiceOptions(options), *gatekeeper_, clock, events, std::move(log)) {}
+      spans_(std::move(spans)),
+      service_(ServiceOptions(options, spans_.get()), *gatekeeper_, clock, events, std::move(log)) {}
 
 Server::~Server() {
   if (server_ != nullptr) server_->Shutdown(SteadyDeadline(absl::ZeroDuration()));
@@ -75,11 +86,14 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
                                                       std::shared_ptr<spdlog::logger> log) {
   auto gatekeeper = Gatekeeper::Create(options.token_file, clock, log);
   if (!gatekeeper.ok()) return gatekeeper.status();
+  auto spans = MakeSpanSink(options.otlp_endpoint, events, log);
+  if (!spans.ok()) return spans.status();
   if (!options.tls.enabled() && !IsLoopback(options.listen) && !absl::StartsWith(options.listen, "unix:")) {
     log->warn(absl::StrCat("gRPC on ", options.listen, " is plain text: frames, results and tokens can be read on the ",
                            "way; see --tls_cert"));
   }
-  std::unique_ptr<Server> server(new Server(options, *std::move(gatekeeper), clock, events, std::move(log)));
+  std::unique_ptr<Server> server(
+      new Server(options, *std::move(gatekeeper), *std::move(spans), clock, events, std::move(log)));
   if (absl::Status status = server->Listen(options); !status.ok()) return status;
   return server;
 }

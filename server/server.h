@@ -13,6 +13,7 @@
 #include "server/events.h"
 #include "server/lifecycle.h"
 #include "server/options.h"
+#include "server/tracing/span.h"
 #include "server/track_service.h"
 
 namespace holdfast {
@@ -37,14 +38,15 @@ class Server {
   int port() const { return port_; }
 
  private:
-  Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, Clock& clock, ServerEvents& events,
-         std::shared_ptr<spdlog::logger> log);
+  Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, std::unique_ptr<SpanSink> spans,
+         Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log);
   absl::Status Listen(const ServerOptions& options);
   void SetHealth(bool serving);
 
   Lifecycle lifecycle_;
   int port_ = 0;
   const std::unique_ptr<Gatekeeper> gatekeeper_;
+  const std::unique_ptr<SpanSink> spans_;  // null: traces are not recorded
   TrackService service_;
   std::unique_ptr<grpc::Server> server_;  // last: it uses the service
 };

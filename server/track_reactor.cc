@@ -9,6 +9,7 @@
 #include "api/errors.h"
 #include "proto/convert.h"
 #include "proto/grpc_status.h"
+#include "server/logging.h"
 #include "server/message_codec.h"
 
 namespace holdfast {
@@ -26,9 +27,10 @@ std::string ForLog(const absl::Status& status) {
 
 }  // namespace
 
-TrackReactor::TrackReactor(Deps deps, Gatekeeper::Pass pass, grpc::CallbackServerContext* context)
+TrackReactor::TrackReactor(Deps deps, Gatekeeper::Pass pass, TraceContext trace, grpc::CallbackServerContext* context)
     : deps_(std::move(deps)),
       pass_(std::move(pass)),
+      trace_(std::move(trace), deps_.spans, deps_.clock),
       started_(deps_.clock.SteadyNow()),
       context_(context),
       log_(deps_.log),
@@ -86,8 +88,8 @@ absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
   if (!opened.ok()) return opened.status();
 
   const SessionAccepted& accepted = (*opened)->accepted();
-  const std::shared_ptr<spdlog::logger> log =
-      deps_.log->clone(absl::StrCat(accepted.session_id, "/", absl::Utf8SafeCHexEscape(config->label)));
+  const auto log =
+      SessionLogger(*deps_.log, accepted.session_id, absl::Utf8SafeCHexEscape(config->label), trace_.context());
   log->info(absl::StrCat(config->resume_token.empty()
                              ? absl::StrCat("session opened with ", config->points.size(), " points")
                              : absl::StrCat("session resumed at frame ", accepted.first_frame),
@@ -97,6 +99,7 @@ absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
     absl::MutexLock lock(&mutex_);
     session_ = *std::move(opened);
     accepted_ = session_->accepted();
+    accepted_->trace_id = trace_.context().trace_id;
     log_ = log;
     if (cancelled_ || done_) late = session_.get();
     MaybeWriteLocked();
@@ -349,13 +352,16 @@ v1::Checkpoint TrackReactor::TakeCheckpointLocked() {
 void TrackReactor::MaybeFinishLocked() {
   if (finished_ || writing_ || !done_) return;
   finished_ = true;
-  LogEndLocked();
+  TellEndLocked();
   Finish(cancelled_ ? grpc::Status::CANCELLED : ToGrpcStatus(*done_));
 }
 
-void TrackReactor::LogEndLocked() {
+void TrackReactor::TellEndLocked() {
   const auto level = IsServersFault(*done_) ? spdlog::level::err : spdlog::level::info;
   log_->log(level, absl::StrCat(session_ == nullptr ? "stream" : "session", " ended: ", ForLog(*done_)));
+  trace_.End(*done_, {{"rpc.system", "grpc"},
+                      {"holdfast.session", session_ == nullptr ? "" : session_->accepted().session_id},
+                      {"holdfast.caller", pass_.grant().name}});
 }
 
 }  // namespace holdfast

@@ -20,6 +20,7 @@
 #include "server/engine/engine.h"
 #include "server/events.h"
 #include "server/outbox.h"
+#include "server/tracing/stream_trace.h"
 
 namespace holdfast {
 
@@ -43,10 +44,12 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
     ServerEvents& events;
     std::shared_ptr<spdlog::logger> log;
     StreamOptions options;
+    SpanSink* spans;  // null: traces are not recorded
     std::function<void(TrackReactor*)> retire;
   };
-  // 'pass' says whose stream this is and is given back with it. 'context' is used until gRPC's OnDone.
-  TrackReactor(Deps deps, Gatekeeper::Pass pass, grpc::CallbackServerContext* context);
+  // 'pass' says whose stream this is and is given back with it, 'trace' where it belongs. 'context' is used until
+  // gRPC's OnDone.
+  TrackReactor(Deps deps, Gatekeeper::Pass pass, TraceContext trace, grpc::CallbackServerContext* context);
 
   // Called by the owner now and then: ends a stream whose client keeps it waiting for too long.
   void CheckTime(SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
@@ -72,6 +75,8 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   void OnWarning(const absl::Status& warning) override ABSL_LOCKS_EXCLUDED(mutex_);
   void OnCheckpoint(Checkpoint checkpoint) override ABSL_LOCKS_EXCLUDED(mutex_);
   void OnRoomForFrame() override ABSL_LOCKS_EXCLUDED(mutex_);
+  bool wants_work() const override { return trace_.recording(); }
+  void OnWork(const StageWork& work) override { trace_.Add(work); }
   void OnSessionDone(const absl::Status& status, const SessionSummary& summary) override ABSL_LOCKS_EXCLUDED(mutex_);
 
   EngineSession* session() ABSL_LOCKS_EXCLUDED(mutex_);
@@ -88,10 +93,11 @@ class TrackReactor final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   v1::Checkpoint TakeCheckpointLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void AbortLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void MaybeFinishLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void LogEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void TellEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Deps deps_;
   const Gatekeeper::Pass pass_;
+  const StreamTrace trace_;
   const SteadyTime started_;
   // The buffers belong to gRPC while a read or a write is in flight.
   grpc::ByteBuffer request_;

@@ -9,6 +9,7 @@
 #include "program/flags.h"
 #include "proto/convert.h"
 #include "proto/grpc_status.h"
+#include "server/tracing/trace_context.h"
 
 namespace holdfast {
 namespace {
@@ -16,6 +17,8 @@ namespace {
 constexpr absl::Duration kHousekeepingPeriod = absl::Milliseconds(50);
 constexpr absl::Duration kFlushTime = absl::Seconds(10);  // after the grace period: for checkpoints to be sent
 constexpr absl::Duration kRetryAfter = absl::Seconds(2);
+constexpr char kAuthorization[] = "authorization";
+constexpr char kTraceParent[] = "traceparent";
 
 // Ends a call that was not admitted.
 class RefusedCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
@@ -25,8 +28,8 @@ class RefusedCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc:
 };
 
 // Empty where there is none; the first one of several.
-absl::string_view AuthorizationOf(const grpc::CallbackServerContext& context) {
-  const auto found = context.client_metadata().find("authorization");
+absl::string_view MetadataOf(const grpc::CallbackServerContext& context, const char* key) {
+  const auto found = context.client_metadata().find(key);
   if (found == context.client_metadata().end()) return "";
   return {found->second.data(), found->second.size()};
 }
@@ -80,7 +83,7 @@ absl::StatusOr<Engine*> TrackService::AdmitLocked() {
 }
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track(grpc::CallbackServerContext* context) {
-  absl::StatusOr<Gatekeeper::Pass> pass = gatekeeper_.Admit(AuthorizationOf(*context), context->peer());
+  absl::StatusOr<Gatekeeper::Pass> pass = gatekeeper_.Admit(MetadataOf(*context, kAuthorization), context->peer());
   if (!pass.ok()) {
     events_.StreamRefused(absl::IsUnauthenticated(pass.status()) ? RefusalReason::kToken : RefusalReason::kStreams);
     return new RefusedCall(pass.status());
@@ -88,9 +91,10 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track
   absl::MutexLock lock(&mutex_);
   const absl::StatusOr<Engine*> engine = AdmitLocked();
   if (!engine.ok()) return new RefusedCall(engine.status());
-  auto reactor = std::make_unique<TrackReactor>(TrackReactor::Deps{**engine, clock_, events_, log_, options_.stream,
-                                                                   [this](TrackReactor* done) { Retire(done); }},
-                                                *std::move(pass), context);
+  auto reactor =
+      std::make_unique<TrackReactor>(TrackReactor::Deps{**engine, clock_, events_, log_, options_.stream,
+                                                        options_.spans, [this](TrackReactor* done) { Retire(done); }},
+                                     *std::move(pass), TraceOf(MetadataOf(*context, kTraceParent)), context);
   TrackReactor* const borrowed = reactor.get();
   live_.emplace(borrowed, std::move(reactor));
   ++alive_;
@@ -101,7 +105,7 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
                                                       const v1::GetServerInfoRequest*,
                                                       v1::GetServerInfoResponse* response) {
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
-  if (const auto grant = gatekeeper_.Check(AuthorizationOf(*context), context->peer()); !grant.ok()) {
+  if (const auto grant = gatekeeper_.Check(MetadataOf(*context, kAuthorization), context->peer()); !grant.ok()) {
     reactor->Finish(ToGrpcStatus(grant.status()));
     return reactor;
   }

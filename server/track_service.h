@@ -34,6 +34,7 @@ class TrackService final : public v1::PointTracking::WithRawCallbackMethod_Track
     StreamOptions stream;
     int max_streams = 64;                             // open at once, those without a session included
     absl::Duration grace_period = absl::Seconds(20);  // of a drain: for sessions to finish by themselves
+    SpanSink* spans = nullptr;                        // outlives the service; null: traces are not recorded
   };
   // 'gatekeeper', 'clock' and 'events' must outlive the service.
   TrackService(const Options& options, Gatekeeper& gatekeeper, Clock& clock, ServerEvents& events,

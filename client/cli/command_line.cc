@@ -20,7 +20,7 @@
 
 ABSL_FLAG(std::string, server, "localhost:50051",
           "Connects to the tracking server at this host:port. Of several, host:port,host:port, the first that answers; "
-          "the others take over when it is lost.");
+          "the others take over when it is lost. dns:///host:port spreads sessions over all addresses of the host.");
 ABSL_FLAG(absl::Duration, connect_timeout, holdfast::RemoteTracker::Options().connect_timeout,
           "Gives up when the connection does not stand after this time.");
 ABSL_FLAG(bool, tls, false, "Speaks TLS with the server, as the other flags that begin with tls do by themselves.");

@@ -1,13 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "api/clock.h"
 #include "api/types.h"
+#include "server/engine/metrics.h"
 
 namespace holdfast {
+
+// A piece of work that the engine did for a session.
+struct StageWork {
+  Stage stage = Stage::kDecode;
+  SteadyTime begin;
+  SteadyTime end;
+  int64_t first_frame = 0;  // the first one that it is about
+  int64_t count = 0;        // of frames decoded or encoded, of windows refined, of points whose estimates were sent
+};
 
 // Receives what a session produces, on threads of the engine, one call at a time. Calls must return quickly and must
 // not destroy the session.
@@ -20,6 +32,10 @@ class SessionListener {
   virtual void OnCheckpoint(Checkpoint checkpoint) = 0;
   // After PushFrame said "full": there is room again. May come before that PushFrame has returned.
   virtual void OnRoomForFrame() = 0;
+  // Whether OnWork is worth calling; asked once, when the session begins.
+  virtual bool wants_work() const { return false; }
+  // What decoding, encoding, refining and sending took.
+  virtual void OnWork(const StageWork& /*work*/) {}
   // The last call. OK after Finish(), otherwise why the session ended early; its earlier results came before.
   virtual void OnSessionDone(const absl::Status& status, const SessionSummary& summary) = 0;
 };

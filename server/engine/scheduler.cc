@@ -103,8 +103,10 @@ bool Scheduler::EncodeBatch() {
     }
     const SteadyTime begin = clock_.SteadyNow();
     auto features = model_.Encode(images);
-    const absl::Duration took = clock_.Since(begin);
+    const SteadyTime end = clock_.SteadyNow();
+    const absl::Duration took = Between(begin, end);
     metrics_.StageTook(Stage::kEncode, took);
+    for (const auto& part : batch.parts) part.session->TellEncoded(part.frames, begin, end);
     meter_.Encoded(static_cast<int64_t>(images.size()) * Pixels(images.front()->size), took);
     Admit(batch, std::move(features));
   });
@@ -126,8 +128,10 @@ bool Scheduler::RefineBatch() {
     const bool carry = batch.parts.front().session->options().carry_templates;
     const SteadyTime begin = clock_.SteadyNow();
     auto estimates = model_.Refine(batch.groups, {batch.iterations, carry});
-    const absl::Duration took = clock_.Since(begin);
+    const SteadyTime end = clock_.SteadyNow();
+    const absl::Duration took = Between(begin, end);
     metrics_.StageTook(Stage::kRefine, took);
+    for (const auto& part : batch.parts) part.session->TellRefined(part.rows, begin, end);
     meter_.Refined(batch.rows, batch.iterations, took);
     metrics_.BatchRefined(batch.rows, batch.iterations);
     Apply(batch, std::move(estimates));

@@ -51,6 +51,7 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
                  Threads threads, std::unique_ptr<Admission::Ticket> ticket)
     : options_(options),
       listener_(listener),
+      tell_work_(listener.wants_work()),
       clock_(clock),
       metrics_(metrics),
       threads_(std::move(threads)),
@@ -114,6 +115,7 @@ void Session::Decode(int64_t index) {
   const bool rejected = !image.ok();
   if (inbox_.SetDecoded(index, std::move(image), end) && rejected) metrics_.FrameDone(FrameResult::kRejected);
   metrics_.StageTook(Stage::kDecode, Between(begin, end));
+  TellWork({Stage::kDecode, begin, end, index, 1});
 }
 
 void Session::SubmitFlow() {
@@ -322,9 +324,27 @@ void Session::EmitLocked(std::vector<PointRun> runs) {
   for (const PointRun& run : runs) {
     latency_.Estimated(run.first_frame, run.first_frame + static_cast<int64_t>(run.x.size()), begin);
   }
+  const int64_t first_frame = runs.front().first_frame, points = static_cast<int64_t>(runs.size());
   std::vector<FrameTime> times = capture_times_.Of(runs);
   listener_.OnTracks({std::move(runs), inbox_.frames_received(), frames_processed_, std::move(times)});
-  metrics_.StageTook(Stage::kEmit, clock_.Since(begin));
+  const SteadyTime end = clock_.SteadyNow();
+  metrics_.StageTook(Stage::kEmit, Between(begin, end));
+  if (tell_work_) listener_.OnWork({Stage::kEmit, begin, end, first_frame, points});
+}
+
+void Session::TellWork(const StageWork& work) {
+  if (!tell_work_) return;
+  absl::MutexLock lock(&emit_mutex_);
+  if (!told_done_) listener_.OnWork(work);
+}
+
+void Session::TellEncoded(const std::vector<DecodedFrame>& frames, SteadyTime begin, SteadyTime end) {
+  TellWork({Stage::kEncode, begin, end, frames.front().index, static_cast<int64_t>(frames.size())});
+}
+
+void Session::TellRefined(absl::Span<const DueRow> rows, SteadyTime begin, SteadyTime end) {
+  if (rows.empty()) return;  // others had their turn
+  TellWork({Stage::kRefine, begin, end, rows.front().plan.first, static_cast<int64_t>(rows.size())});
 }
 
 void Session::EndTracks() {

@@ -91,6 +91,9 @@ class Session : public std::enable_shared_from_this<Session> {
   // Fills the starts in. REQUIRES: 'rows' came from DueRows.
   void AddStarts(std::vector<DueRow>& rows) const;
   const TrackSet& tracks() const { return tracks_; }
+  // Work of the model for this session, among others. Before what came of it is taken.
+  void TellEncoded(const std::vector<DecodedFrame>& frames, SteadyTime begin, SteadyTime end);
+  void TellRefined(absl::Span<const DueRow> rows, SteadyTime begin, SteadyTime end);
   // The rows' results, in order, are at 'estimates'.
   void Apply(absl::Span<const DueRow> rows, RowEstimate* estimates);
   int64_t CachedBytes() const;
@@ -123,6 +126,8 @@ class Session : public std::enable_shared_from_this<Session> {
   void FetchOps(int64_t newest) ABSL_LOCKS_EXCLUDED(ops_mutex_);
   std::vector<PointOp> TakeOps(int64_t newest) ABSL_LOCKS_EXCLUDED(ops_mutex_);
   bool AnyOps() ABSL_LOCKS_EXCLUDED(ops_mutex_);
+  // To a listener that wants to know.
+  void TellWork(const StageWork& work) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void EmitLocked(std::vector<PointRun> runs) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
 
   FrameGeometry geometry() const {
@@ -150,6 +155,7 @@ class Session : public std::enable_shared_from_this<Session> {
 
   const Options options_;
   SessionListener& listener_;
+  const bool tell_work_;
   Clock& clock_;
   EngineMetrics& metrics_;
   const Threads threads_;

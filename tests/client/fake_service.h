@@ -3,6 +3,7 @@
 #pragma once
 
 #include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
 
 #include <functional>
 #include <memory>
@@ -20,16 +21,22 @@ class FakeService final : public v1::PointTracking::Service {
   using TrackFunction = std::function<grpc::Status(grpc::ServerContext&, Stream&)>;
 
   explicit FakeService(TrackFunction track) : track_(std::move(track)) {
+    grpc::EnableDefaultHealthCheckService(true);
     grpc::ServerBuilder builder;
     builder.SetMaxReceiveMessageSize(-1);
     builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port_);
     builder.RegisterService(this);
     server_ = builder.BuildAndStart();
+    SetServing(true);
   }
   ~FakeService() override { Kill(); }
 
   std::string address() const { return absl::StrCat("127.0.0.1:", port_); }
   int port() const { return port_; }
+  // What grpc.health.v1 says of it.
+  void SetServing(bool serving) {
+    server_->GetHealthCheckService()->SetServingStatus(v1::PointTracking::service_full_name(), serving);
+  }
   // Running calls are broken off, as when the process dies.
   void Kill() { server_->Shutdown(std::chrono::system_clock::now()); }
 

@@ -409,5 +409,71 @@ TEST(RemoteTrackerTest, InfoTellsWhatTheServerRuns) {
   EXPECT_EQ((*tracker)->Info().status().code(), absl::StatusCode::kPermissionDenied);
 }
 
+// A server that counts its sessions, and what metadata they came with.
+class CountingServer {
+ public:
+  int sessions() const { return sessions_; }
+  std::string trace_parent() const {
+    absl::MutexLock lock(&mutex_);
+    return trace_parent_;
+  }
+  FakeService& service() { return service_; }
+
+ private:
+  grpc::Status Count(grpc::ServerContext& context, FakeService::Stream& stream) {
+    ++sessions_;
+    if (const auto found = context.client_metadata().find("traceparent"); found != context.client_metadata().end()) {
+      absl::MutexLock lock(&mutex_);
+      trace_parent_.assign(found->second.data(), found->second.size());
+    }
+    return EchoFrames(context, stream);
+  }
+
+  std::atomic<int> sessions_{0};
+  mutable absl::Mutex mutex_;
+  std::string trace_parent_;
+  FakeService service_{
+      [this](grpc::ServerContext& context, FakeService::Stream& stream) { return Count(context, stream); }};
+};
+
+void RunSession(RemoteTracker& tracker) {
+  Recorder recorder;
+  auto stream = tracker.Open({}, recorder);
+  ASSERT_TRUE(stream.ok()) << stream.status();
+  EXPECT_TRUE((*stream)->Finish().ok());
+}
+
+TEST(RemoteTrackerTest, AUriSpreadsSessionsOverTheServersThatTakeThem) {
+  CountingServer first, second;
+  auto tracker = ConnectTo(absl::StrCat("ipv4:", first.service().address(), ",", second.service().address()));
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  // Both connections stand after a while.
+  for (int i = 0; i < 1000 && (first.sessions() < 2 || second.sessions() < 2); ++i) RunSession(**tracker);
+  EXPECT_GE(first.sessions(), 2);
+  EXPECT_GE(second.sessions(), 2);
+
+  first.service().SetServing(false);
+  int in_a_row = 0;  // of the second server's; in turns, there are not two
+  for (int i = 0; i < 1000 && in_a_row < 4; ++i) {
+    const int before = second.sessions();
+    RunSession(**tracker);
+    in_a_row = second.sessions() > before ? in_a_row + 1 : 0;
+  }
+  EXPECT_EQ(in_a_row, 4);
+}
+
+TEST(RemoteTrackerTest, SessionsAreInTheCallersTrace) {
+  CountingServer server;
+  RemoteTracker::Options options;
+  options.addresses = {server.service().address()};
+  options.trace_parent = "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01";
+  const auto tracker = RemoteTracker::Connect(options);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  RunSession(**tracker);
+  EXPECT_EQ(server.trace_parent(), options.trace_parent);
+  options.trace_parent = "two\nlines";
+  EXPECT_THAT(std::string(RemoteTracker::Connect(options).status().message()), HasSubstr("trace_parent"));
+}
+
 }  // namespace
 }  // namespace holdfast

@@ -31,6 +31,7 @@ class NullServerEvents final : public ServerEvents {
   void StreamRefused(RefusalReason) override {}
   void SessionResumed(ResumeResult) override {}
   void CheckpointSent(int64_t) override {}
+  void SpansDone(SpanResult, int64_t) override {}
 };
 
 // Raw frames, so that both sides see equal pixels.

@@ -28,7 +28,6 @@
 namespace holdfast {
 namespace {
 
-constexpr ImageSize kPicture{128, 96};
 constexpr int64_t kFrames = 64;
 constexpr PointId kIds[] = {1, 2, 3, 4};
 constexpr float kTolerance = 1e-3f;  // pixels
@@ -103,12 +102,19 @@ class ResumeTest : public ::testing::Test {
     Track(tracker, observer, trouble, [](TrackStream& stream) { EXPECT_THAT(stream.Finish(), IsOk()); });
   }
 
-  // Of a session that nothing happens to.
+  // A session that nothing happens to; one for all tests.
+  RecordingObserver& Uninterrupted() {
+    static RecordingObserver* const whole = [this] {
+      auto* const observer = new RecordingObserver;
+      const auto server = Start();
+      Track(*Connect({server->address()}), *observer, [](int64_t) {});
+      return observer;
+    }();
+    return *whole;
+  }
+
   void ExpectUninterrupted(const RecordingObserver& observer, const char* name) {
-    const auto server = Start();
-    const auto tracker = Connect({server->address()});
-    RecordingObserver whole;
-    Track(*tracker, whole, [](int64_t) {});
+    const RecordingObserver& whole = Uninterrupted();
     float largest = 0;
     for (const PointId id : kIds) {
       const FinalTrack track = observer.Final(id), expected = whole.Final(id);
@@ -183,6 +189,20 @@ TEST_F(ResumeTest, DrainedServersSayGoodbyeAndExitWithZero) {
   EXPECT_EQ(observer.resumed(), 1);
   EXPECT_EQ(observer.going_away(), 1);
   ExpectUninterrupted(observer, "drained");
+}
+
+TEST_F(ResumeTest, OfServersBehindOneNameTheDrainedOneHandsItsSessionOver) {
+  auto first = Start(), second = Start();
+  const auto tracker = Connect({absl::StrCat("ipv4:", first->address(), ",", second->address())});
+  RecordingObserver observer;
+  Track(*tracker, observer, [&](int64_t index) {
+    if (index != 40) return;
+    ServerProcess& has_it = Connect({first->address()})->Info()->load.sessions > 0 ? *first : *second;
+    has_it.Send(SIGTERM);
+    EXPECT_EQ(has_it.Wait(), 0);
+  });
+  EXPECT_EQ(observer.resumed(), 1);
+  ExpectUninterrupted(observer, "drained, one name");
 }
 
 TEST_F(ResumeTest, TwoInterruptionsOfOneStream) {

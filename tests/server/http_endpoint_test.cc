@@ -11,6 +11,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "server/health_check.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
@@ -63,6 +64,41 @@ TEST_F(HttpEndpointTest, IsReadyOnlyWhileTheServerServes) {
 TEST_F(HttpEndpointTest, KnowsNothingElse) {
   for (const char* path : {"/", "/metrics/x", "/metricsx", "/etc/passwd", "/../etc/passwd"}) {
     EXPECT_THAT(Get(endpoint_->port(), path), ::testing::ContainsRegex("^HTTP/1.1 40[04]")) << path;
+  }
+}
+
+TEST_F(HttpEndpointTest, TheHealthCheckFollowsReadiness) {
+  const std::string everywhere = absl::StrCat("0.0.0.0:", endpoint_->port());
+  EXPECT_THAT(CheckHealth(everywhere, absl::Seconds(10)),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("is not ready: status 503")));
+  ready_ = true;
+  EXPECT_THAT(CheckHealth(everywhere, absl::Seconds(10)), IsOk());
+  EXPECT_THAT(CheckHealth(absl::StrCat("localhost:", endpoint_->port()), absl::Seconds(10)), IsOk());
+  const int port = endpoint_->port();
+  endpoint_.reset();
+  EXPECT_THAT(CheckHealth(absl::StrCat("127.0.0.1:", port), absl::Seconds(10)),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("cannot be reached")));
+}
+
+TEST(HealthCheckTest, AServerThatIsSilentIsNotHealthy) {
+  const int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  ASSERT_EQ(bind(listener, reinterpret_cast<sockaddr*>(&address), sizeof(address)), 0);
+  ASSERT_EQ(listen(listener, 1), 0);
+  socklen_t size = sizeof(address);
+  getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size);
+  EXPECT_THAT(CheckHealth(absl::StrCat("127.0.0.1:", ntohs(address.sin_port)), absl::Milliseconds(20)),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("does not answer")));
+  close(listener);
+}
+
+TEST(HealthCheckTest, AnAddressNeedsAPort) {
+  for (const char* address : {"", "localhost", "0.0.0.0:0", "host:port", "host:-1"}) {
+    EXPECT_THAT(CheckHealth(address, absl::Seconds(1)),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("metrics_listen")))
+        << address;
   }
 }
 

@@ -37,9 +37,18 @@ TEST_F(JsonLogTest, ALineIsOneObject) {
 }
 
 TEST_F(JsonLogTest, SessionsLinesCarryIdAndLabel) {
-  logger_->clone("s-12/cam/era 3")->info("opened");
+  SessionLogger(*logger_, "s-12", "cam/era 3", {"0123", "45"})->info("opened");
   EXPECT_EQ(Line()["session"], "s-12");
   EXPECT_EQ(Line()["label"], "cam/era 3");
+  EXPECT_EQ(Line()["trace_id"], "0123");
+  EXPECT_EQ(Line()["span_id"], "45");
+}
+
+TEST_F(JsonLogTest, TextShowsSessionAndLabel) {
+  logger_->set_formatter(MakeTextFormatter());
+  SessionLogger(*logger_, "s-12", "cam/era 3", {"0123", "45"})->info("opened");
+  logger_->warn("hot");
+  EXPECT_THAT(out_.str(), ::testing::ContainsRegex("info \\[s-12/cam/era 3\\] opened\n.* warning \\[server\\] hot\n$"));
 }
 
 TEST_F(JsonLogTest, BytesThatAreNotTextDoNotBreakTheLine) {

@@ -45,6 +45,16 @@ TEST_F(TrackTest, ASessionIsAcceptedTrackedAndSummedUp) {
   EXPECT_EQ(call.frames_processed, 30);
 }
 
+TEST_F(TrackTest, ASessionBelongsToItsCallersTrace) {
+  TrackCall call(channel_, "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01");
+  ASSERT_TRUE(call.SendConfig(ToProto(JpegConfig())));
+  ASSERT_TRUE(call.ReadAccepted());
+  EXPECT_EQ(call.accepted().trace_id(), "4bf92f3577b34da6a3ce929d0e0e4736");
+  EXPECT_THAT(call.FinishAndReadToEnd(), IsOk());
+  const TrackCall other(channel_, JpegConfig());
+  EXPECT_THAT(other.accepted().trace_id(), ::testing::MatchesRegex("[0-9a-f]{32}"));
+}
+
 TEST_F(TrackTest, ResultsComeWhileFramesAreStillSent) {
   TrackCall call(channel_, JpegConfig());
   call.SendFrame(0);

@@ -164,6 +164,7 @@ class FakeEngine final : public Engine {
       if (frame.bytes == "warn") listener_.OnWarning(absl::UnavailableError("degraded"));
       for (const PointQuery& point : added) points_[point.id] = {point, frame.index};
       frames_ = frame.index + 1;
+      if (listener_.wants_work()) listener_.OnWork({Stage::kRefine, {}, {}, frame.index, 1});
       Emit(/*last=*/false);
       if (frame.bytes == "checkpoint") SendCheckpoint();
       engine_.metrics_.FrameDone(FrameResult::kTracked);

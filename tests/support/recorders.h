@@ -120,7 +120,7 @@ class UpdateRecorder {
   std::vector<Checkpoint> checkpoints_ ABSL_GUARDED_BY(mutex_);
 };
 
-// Pushes frames as the session has room for them.
+// Pushes frames as the session has room for them. Asks for the engine's work when it is told to before the session.
 class RecordingListener final : public SessionListener, public UpdateRecorder {
  public:
   void OnTracks(TrackUpdate update) override { Add(std::move(update)); }
@@ -131,6 +131,18 @@ class RecordingListener final : public SessionListener, public UpdateRecorder {
     room_ = true;
     room_changed_.SignalAll();
   }
+  bool wants_work() const override { return want_work; }
+  void OnWork(const StageWork& work) override ABSL_LOCKS_EXCLUDED(room_mutex_) {
+    EXPECT_FALSE(done()) << "work after the end";
+    absl::MutexLock lock(&room_mutex_);
+    work_.push_back(work);
+  }
+  std::vector<StageWork> work() const ABSL_LOCKS_EXCLUDED(room_mutex_) {
+    absl::MutexLock lock(&room_mutex_);
+    return work_;
+  }
+  bool want_work = false;
+
   void OnSessionDone(const absl::Status& status, const SessionSummary& summary) override {
     Done(status, summary);
     OnRoomForFrame();
@@ -148,7 +160,8 @@ class RecordingListener final : public SessionListener, public UpdateRecorder {
   }
 
  private:
-  absl::Mutex room_mutex_;
+  mutable absl::Mutex room_mutex_;
+  std::vector<StageWork> work_ ABSL_GUARDED_BY(room_mutex_);
   absl::CondVar room_changed_;
   bool room_ ABSL_GUARDED_BY(room_mutex_) = true;
 };

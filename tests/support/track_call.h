@@ -29,8 +29,8 @@ inline SessionConfig JpegConfig(std::vector<PointQuery> points = {{7, 10, 20}}) 
 // One Track call made with blocking calls of the generated stub, message by message.
 class TrackCall {
  public:
-  explicit TrackCall(const std::shared_ptr<grpc::Channel>& channel)
-      : stub_(v1::PointTracking::NewStub(channel)), stream_(stub_->Track(&context_)) {}
+  explicit TrackCall(const std::shared_ptr<grpc::Channel>& channel, const std::string& trace_parent = "")
+      : stub_(v1::PointTracking::NewStub(channel)), stream_(stub_->Track(InTrace(trace_parent))) {}
   // Sends the config and takes the answer to it.
   TrackCall(const std::shared_ptr<grpc::Channel>& channel, const SessionConfig& config) : TrackCall(channel) {
     SendConfig(ToProto(config));
@@ -102,6 +102,10 @@ class TrackCall {
   int64_t messages_read = 0;
 
  private:
+  grpc::ClientContext* InTrace(const std::string& trace_parent) {
+    if (!trace_parent.empty()) context_.AddMetadata("traceparent", trace_parent);
+    return &context_;
+  }
   void Apply(const v1::Tracks& update) {
     frames_processed = update.frames_processed();
     for (const v1::PointRun& run : update.runs()) {
