@@ -119,10 +119,10 @@ def drain_findings(spec):
     server = spec["containers"][0]
     values = {variable["name"]: variable.get("value") for variable in server["env"]}
     grace = values.get("HOLDFAST_GRACE_PERIOD", "20s")
-    sleep = server.get("lifecycle", {}).get("preStop", {}).get("exec", {}).get("command", ["sleep", "0"])
+    sleep = server.get("lifecycle", {}).get("preStop", {}).get("sleep", {}).get("seconds", 0)
     flush = number_in_source("server/track_service.cc", r"kFlushTime = absl::Seconds\((\d+)\)")
-    needed = int(sleep[1]) + int(grace.removesuffix("s")) + flush
-    if int(sleep[1]) < 1:
+    needed = sleep + int(grace.removesuffix("s")) + flush
+    if sleep < 1:
         yield "no preStop: a server refuses sessions before it is out of the Service"
     if spec.get("terminationGracePeriodSeconds", 30) < needed:
         yield f"a server is killed before it has ended, which may take {needed:.0f} s"

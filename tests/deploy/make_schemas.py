@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes kubernetes_schemas.json: which fields the manifests' kinds have, from npm packages that hold them as types.
+"""Makes the schemas that the tests of deploy/ judge by, from npm packages that have them.
+
+kubernetes_schemas.json: which fields the manifests' kinds have, from npm packages that hold them as types.
 
 Run by hand when a manifest takes a kind that is not in KINDS, or for a newer Kubernetes; tests read the result and need
 no npm. DIRECTORY holds the packages of PACKAGES (MIT licence), each unpacked into the folder of that name:
@@ -11,6 +13,11 @@ no npm. DIRECTORY holds the packages of PACKAGES (MIT licence), each unpacked in
 The packages are generated from the definitions that Kubernetes and the makers of the other kinds publish (Apache
 License 2.0). Kept are names, types, the values of enumerations, and which fields must be there; a field that is not
 known is an error. The format is that of JSON schemas, with a definition "GROUP/VERSION/KIND" for each of KINDS.
+
+cyclonedx_schema.json: CycloneDX 1.4, without what explains it, from the package of that standard (Apache License 2.0):
+
+    npm pack @cyclonedx/cyclonedx-library@10.3.0
+    make_schemas.py --cyclonedx DIRECTORY > cyclonedx_schema.json
 """
 import json
 import pathlib
@@ -210,6 +217,29 @@ def needed(definitions, roots):
     return {name: definitions[name] for name in sorted(found)}
 
 
+EXPLANATIONS = {"$comment", "title", "description", "examples", "meta:enum"}
+
+
+def without_explanations(value):
+    """A schema's JSON with what is for readers left out; what it has from other files is taken for good."""
+    if isinstance(value, list):
+        return [without_explanations(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if isinstance(value.get("$ref"), str) and not value["$ref"].startswith("#"):
+        return {}
+    return {key: without_explanations(item) for key, item in value.items()
+            if key not in EXPLANATIONS or not isinstance(item, (str, list))}
+
+
+def make_cyclonedx(directory):
+    file = directory / "package" / "res" / "schema" / "bom-1.4.SNAPSHOT.schema.json"
+    schema = without_explanations(json.loads(file.read_text(encoding="utf-8")))
+    for part in ("definitions", "properties"):
+        schema[part] = {name: schema[part][name] for name in sorted(schema[part])}
+    print(json.dumps(schema, separators=(",", ":")).replace('},"', '},\n"'))
+
+
 def main(directory):
     types = Types(directory)
     definitions = types.definitions
@@ -230,4 +260,7 @@ def main(directory):
 
 
 if __name__ == "__main__":
-    main(pathlib.Path(sys.argv[1]))
+    if sys.argv[1] == "--cyclonedx":
+        make_cyclonedx(pathlib.Path(sys.argv[2]))
+    else:
+        main(pathlib.Path(sys.argv[1]))
