@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tracks points through video with a Holdfast server.
+
+    from holdfast_client import Client
+
+    with Client("localhost:50051") as client:
+        tracks = client.track(frames, points)  # uint8 [H, W, 3] or JPEG bytes; [N, 2]
+    tracks.xy  # float32 [N, T, 2]
+"""
+from ._session import Run, Update
+from .client import Client, Reconnect, Session, Tls
+from .errors import (HoldfastError, InvalidRequest, NotAllowed, NotResumable, Overloaded, Unavailable, Violation)
+from .tracks import Tracks
+
+__all__ = ["Client", "HoldfastError", "InvalidRequest", "NotAllowed", "NotResumable", "Overloaded", "Reconnect", "Run",
+           "Session", "Tls", "Tracks", "Unavailable", "Update", "Violation"]

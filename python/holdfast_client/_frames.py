@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames and points in the forms that callers have them, for the protocol."""
+from __future__ import annotations
+
+import importlib
+import io
+from collections.abc import Iterable, Mapping
+from typing import Any, Union
+
+import numpy as np
+
+from ._proto import point_tracking_pb2 as pb
+
+Frame = Union[bytes, np.ndarray]  # of a file (JPEG, PNG), or uint8 [H, W, 3] in RGB, or uint8 [H, W]
+Points = Union[np.ndarray, Mapping[int, tuple[float, float]], Iterable[tuple[float, float]]]
+
+_JPEG, _PNG = b"\xff\xd8", b"\x89PNG"
+_QUALITY = 95
+
+
+def _optional(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        return None
+
+
+def _encode_jpeg(picture: np.ndarray) -> bytes | None:
+    """None where neither OpenCV nor Pillow is installed."""
+    if (cv2 := _optional("cv2")) is not None:
+        bgr = picture if picture.ndim == 2 else np.ascontiguousarray(picture[:, :, ::-1])
+        return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    if (image := _optional("PIL.Image")) is not None:
+        file = io.BytesIO()
+        image.fromarray(picture).save(file, "JPEG", quality=_QUALITY)
+        return file.getvalue()
+    return None
+
+
+def _check_picture(picture: np.ndarray) -> np.ndarray:
+    shape = picture.shape
+    if picture.dtype != np.uint8 or not (len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)):
+        raise ValueError(f"a frame is {picture.dtype} {list(shape)}, expected uint8 [H, W, 3] in RGB or uint8 [H, W]")
+    return picture
+
+
+class FrameCodec:
+    """How all frames of a session are sent, as the first one decides: files as they are, arrays as JPEG or raw."""
+
+    def __init__(self, first: Frame, encoding: str = "auto") -> None:
+        if encoding not in ("auto", "jpeg", "raw"):
+            raise ValueError(f"encoding is {encoding!r}, expected 'auto', 'jpeg' or 'raw'")
+        self.raw_size: tuple[int, int] | None = None
+        if isinstance(first, bytes):
+            if not first.startswith((_JPEG, _PNG)):
+                raise ValueError("a frame's bytes are neither JPEG nor PNG")
+            self.encoding = pb.FRAME_ENCODING_JPEG if first.startswith(_JPEG) else pb.FRAME_ENCODING_PNG
+            return
+        picture = _check_picture(first)
+        if encoding != "raw" and _encode_jpeg(picture[:1, :1]) is not None:
+            self.encoding = pb.FRAME_ENCODING_JPEG
+            return
+        if encoding == "jpeg":
+            raise ImportError("encoding is 'jpeg', which needs OpenCV (cv2) or Pillow")
+        self.encoding = pb.FRAME_ENCODING_GRAY8 if picture.ndim == 2 else pb.FRAME_ENCODING_RGB24
+        self.raw_size = (picture.shape[1], picture.shape[0])
+
+    def data(self, frame: Frame) -> bytes:
+        if isinstance(frame, bytes):
+            return frame
+        picture = _check_picture(frame)
+        if self.raw_size is None:
+            encoded = _encode_jpeg(picture)
+            assert encoded is not None
+            return encoded
+        if picture.shape[1::-1] != self.raw_size:
+            raise ValueError(f"a frame is {picture.shape[1]}x{picture.shape[0]}, the first one was "
+                             f"{self.raw_size[0]}x{self.raw_size[1]}")
+        return picture.tobytes()
+
+
+def to_points(points: Points) -> list[pb.Point]:
+    """{id: (x, y)}, or positions whose ids are 0, 1, 2..."""
+    if isinstance(points, Mapping):
+        return [pb.Point(id=point, x=x, y=y) for point, (x, y) in points.items()]
+    positions = np.asarray(points if isinstance(points, np.ndarray) else list(points), np.float32)
+    if positions.size == 0:
+        return []
+    if positions.ndim != 2 or positions.shape[1] != 2:
+        raise ValueError(f"points are {list(positions.shape)}, expected [N, 2]: x and y of each")
+    return [pb.Point(id=i, x=x, y=y) for i, (x, y) in enumerate(positions)]

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A session as its client sees it, without threads and without a network: what may have to be sent again, and what came
+back. The rules are those of the C++ client (client/replay_buffer.h, client/final_filter.h)."""
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from ._proto import point_tracking_pb2 as pb
+from .tracks import TrackTable
+
+_OVERHEAD = 256  # bytes of a message's objects: many small ones are bounded too
+
+
+@dataclass(frozen=True)
+class Run:
+    """One point on consecutive frames: element i belongs to frame first_frame + i."""
+
+    id: int
+    first_frame: int
+    xy: np.ndarray  # float32 [n, 2]
+    visible: np.ndarray  # bool [n]
+    confidence: np.ndarray  # float32 [n]
+    final_count: int  # the first so many will never be revised
+
+
+@dataclass(frozen=True)
+class Update:
+    """Estimates that are new or revised, and how far the server is."""
+
+    runs: tuple[Run, ...]
+    frames_received: int
+    frames_processed: int
+
+
+def _cut(run: pb.PointRun, known: int) -> None:
+    """Takes the frames before `known` out of a run."""
+    drop = min(max(known - run.first_frame, 0), len(run.x))
+    for name in ("x", "y", "visible", "confidence"):
+        del getattr(run, name)[:drop]
+    run.first_frame += drop
+    run.final_count = max(run.final_count - drop, 0)
+
+
+class SessionState:
+    """Not thread-safe."""
+
+    def __init__(self, config: pb.SessionConfig, keep: bool, buffer_bytes: int) -> None:
+        self.config = config
+        self.keeps = keep
+        self.token = b""
+        self.resumable = False  # by other servers too
+        self.accepted: pb.SessionAccepted | None = None
+        self.summary: pb.SessionSummary | None = None
+        self.table = TrackTable()
+        self.progressed = False  # since the last loss
+        self._buffer_bytes = buffer_bytes
+        self._messages: deque[pb.TrackRequest] = deque()
+        self._sent = 0  # of them, at the front
+        self._bytes = 0
+        self._final: dict[int, int] = {}  # of each point, the frames before this one are final
+        self._repeated: dict[int, int] = {}  # as of the last resume: what is before comes again
+        self._processed = 0
+
+    # --- What is sent.
+
+    @property
+    def unsent(self) -> int:
+        return len(self._messages) - self._sent
+
+    def room_for(self, message: pb.TrackRequest) -> bool:
+        """False: a checkpoint has to let older messages go first. Where none can, nothing is kept any more."""
+        if not self.keeps or self._bytes + message.ByteSize() + _OVERHEAD <= self._buffer_bytes:
+            return True
+        frames = sum(kept.HasField("frame") for kept in self._messages)
+        if self.accepted is None or frames > self.accepted.replay_frames + self.accepted.checkpoint_interval_frames:
+            return self.accepted is None
+        warnings.warn(f"{self._buffer_bytes} bytes of buffer_bytes do not hold the {frames} frames that it takes to go "
+                      "on when the server is lost: this session ends with its server", stacklevel=2)
+        self._keep_nothing()
+        return True
+
+    def append(self, message: pb.TrackRequest) -> None:
+        self._messages.append(message)
+        self._bytes += message.ByteSize() + _OVERHEAD
+
+    def next_message(self) -> pb.TrackRequest | None:
+        """The oldest one that was not sent, which counts as sent from now on."""
+        if self.unsent == 0:
+            return None
+        message = self._messages[self._sent]
+        self._sent += 1
+        if not self.keeps:
+            self._drop_first()
+        return message
+
+    def first_message(self) -> pb.TrackRequest:
+        """What a call begins with."""
+        request = pb.TrackRequest(config=self.config)
+        request.config.resume_token = self.token
+        return request
+
+    # --- What comes back.
+
+    def begin(self, accepted: pb.SessionAccepted) -> bool:
+        """A call was accepted; all that is kept is sent again. False: it begins at a frame that is gone."""
+        if self.accepted is None:
+            self._settle(accepted)
+        self.accepted = accepted
+        self._repeated = dict(self._final)
+        self._sent = 0
+        frames = (message.frame.index for message in self._messages if message.HasField("frame"))
+        first = next(frames, None)
+        return first is None or first <= accepted.first_frame
+
+    def _settle(self, accepted: pb.SessionAccepted) -> None:
+        """What the first server chose stays, whatever another one's defaults are."""
+        config = self.config
+        config.processing_size.CopyFrom(accepted.processing_size)
+        config.hop_frames, config.iterations = accepted.hop_frames, accepted.iterations
+        config.motion_prior, config.polish = accepted.motion_prior, accepted.polish
+        self.keeps = self.keeps and accepted.replay_frames > 0
+
+    def take(self, response: pb.TrackResponse) -> Update | None:
+        kind = response.WhichOneof("response")
+        if kind == "tracks":
+            return self._take_tracks(response.tracks)
+        if kind == "checkpoint":
+            self._take_checkpoint(response.checkpoint)
+        elif kind == "summary":
+            self.summary = response.summary
+        return None
+
+    def _take_tracks(self, tracks: pb.Tracks) -> Update:
+        runs = []
+        for run in tracks.runs:
+            _cut(run, self._repeated.get(run.id, 0))
+            if len(run.x) == 0:
+                continue
+            if run.final_count > 0:
+                self._final[run.id] = max(self._final.get(run.id, 0), run.first_frame + run.final_count)
+            self.table.add(run)
+            runs.append(Run(run.id, run.first_frame, np.stack([run.x, run.y], axis=1).astype(np.float32),
+                            np.array(run.visible, bool), np.array(run.confidence, np.float32), run.final_count))
+        self.progressed |= tracks.frames_processed > self._processed
+        self._processed = max(self._processed, tracks.frames_processed)
+        return Update(tuple(runs), tracks.frames_received, self._processed)
+
+    def _take_checkpoint(self, checkpoint: pb.Checkpoint) -> None:
+        if not self.keeps:
+            return
+        if not checkpoint.token:  # the session has outgrown what a token can hold
+            self._keep_nothing()
+            return
+        if not self._drop_before(checkpoint.next_frame):
+            return
+        assert self.accepted is not None
+        oldest = checkpoint.next_frame - self.accepted.window_frames
+        self._final = {point: end for point, end in self._final.items() if end >= oldest}
+        self.token, self.resumable = checkpoint.token, checkpoint.resumable
+
+    def _drop_before(self, frame: int) -> bool:
+        """The newest frame stays though the session goes on after it: what follows it in the stream belongs to it."""
+        keep_from = None
+        frames = 0
+        for i, message in enumerate(self._messages):
+            if not message.HasField("frame"):
+                continue
+            frames += 1
+            if message.frame.index > frame:
+                break
+            keep_from = i
+        if keep_from is None:
+            return frames == 0
+        for _ in range(min(keep_from, self._sent)):
+            self._drop_first()
+        return True
+
+    def _keep_nothing(self) -> None:
+        self.keeps = False
+        while self._sent:
+            self._drop_first()
+
+    def _drop_first(self) -> None:
+        self._bytes -= self._messages.popleft().ByteSize() + _OVERHEAD
+        self._sent -= 1

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The Python client against real servers.
+
+Usage: client_test.py HOLDFAST_SERVER PROTOC
+"""
+import contextlib
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+
+import numpy as np
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "e2e"))
+from server_process import ServerProcess  # noqa: E402
+
+SMALL = ["--processing_size=128x96", "--iterations=2", "--precision=float32", "--compute_threads=1"]
+WIDTH, HEIGHT, FRAMES = 128, 96, 48
+POINTS = np.array([[40.5, 50.25], [80, 30], [60, 40]], np.float32)
+
+
+def picture(index):
+    """uint8 [HEIGHT, WIDTH]: a texture that moves one pixel to the right each frame."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+    x -= index
+    wave = 128 + 60 * np.sin(x * 0.35) * np.cos(y * 0.3) + 40 * np.sin(x * 0.11 + y * 0.17)
+    return wave.astype(np.uint8)
+
+
+PICTURES = [picture(i) for i in range(FRAMES)]
+
+
+class ClientTest(unittest.TestCase):
+    server_program = protoc = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.directory = tempfile.TemporaryDirectory(prefix="holdfast-python-")
+        cls.addClassCleanup(cls.directory.cleanup)
+        subprocess.run([sys.executable, ROOT / "python" / "stage.py", cls.directory.name, f"--protoc={cls.protoc}",
+                        "--google"], check=True)
+        sys.path.insert(0, cls.directory.name)
+        global holdfast_client
+        import holdfast_client
+        keys = pathlib.Path(cls.directory.name) / "keys"
+        keys.write_text("k1:" + "a" * 64 + "\n", encoding="utf-8")
+        cls.flags = [*SMALL, f"--checkpoint_keys={keys}", "--grace_period=0s"]
+        cls.server = cls.start_server()
+        cls.addClassCleanup(cls.server.stop)
+
+    @classmethod
+    def start_server(cls, *flags):
+        return ServerProcess(cls.server_program, *cls.flags, *flags)
+
+    def client(self, *addresses, **options):
+        client = holdfast_client.Client(list(addresses) or self.server.address, **options)
+        self.addCleanup(client.close)
+        return client
+
+    def uninterrupted(self):
+        return self.client().track(PICTURES, POINTS, encoding="raw")
+
+    def assert_same(self, tracks, expected):
+        np.testing.assert_array_equal(tracks.ids, expected.ids)
+        np.testing.assert_allclose(tracks.xy, expected.xy, atol=1e-3)
+        np.testing.assert_array_equal(tracks.visible, expected.visible)
+        self.assertTrue(tracks.final.all())
+
+    def test_a_video_becomes_arrays(self):
+        tracks = self.uninterrupted()
+        self.assertEqual(tracks.xy.shape, (3, FRAMES, 2))
+        self.assertEqual(tracks.xy.dtype, np.float32)
+        self.assertEqual(list(tracks.ids), [0, 1, 2])
+        self.assertTrue(tracks.final.all())
+        np.testing.assert_allclose(tracks.xy[:, 0], POINTS, atol=1e-3)
+        np.testing.assert_allclose(tracks.of(1)[20], POINTS[1] + [20, 0], atol=1.5)
+
+    def test_points_that_come_later_have_no_past(self):
+        tracks = self.client().track(PICTURES, np.array([[0, 40, 50], [10, 70, 30]], np.float32), encoding="raw")
+        self.assertTrue(np.isnan(tracks.xy[1, :10]).all())
+        self.assertFalse(np.isnan(tracks.xy[1, 10:]).any())
+        with self.assertRaisesRegex(ValueError, "points of frame 99"):
+            self.client().track(PICTURES[:3], np.array([[99, 40, 50]], np.float32), encoding="raw")
+
+    def test_live_updates_come_while_frames_are_pushed(self):
+        updates = []
+        with self.client().session(POINTS, every_frame=True, encoding="raw") as session:
+            for frame in PICTURES:
+                updates += session.push(frame)
+            session.add({77: (40, 40)})
+            session.remove([0])
+            session.finish()
+            self.assertTrue(updates)
+            self.assertLess(updates[0].frames_received, FRAMES)
+        self.assertIn(77, session.tracks().ids)
+
+    def test_a_killed_server_changes_nothing(self):
+        first, second = self.start_server(), self.start_server()
+        self.addCleanup(first.stop)
+        self.addCleanup(second.stop)
+        with self.client(first.address, second.address).session(POINTS, encoding="raw") as session:
+            resumed = []
+            session.on_resumed = resumed.append
+            for i, frame in enumerate(PICTURES):
+                session.push(frame)
+                if i == 36:
+                    first.kill()
+            tracks = session.finish()
+        self.assertEqual(resumed, [second.address])
+        self.assert_same(tracks, self.uninterrupted())
+
+    def test_without_reconnect_a_lost_server_ends_the_session_and_keeps_what_came(self):
+        server = self.start_server()
+        self.addCleanup(server.stop)
+        session = self.client(server.address, reconnect=None).session(POINTS, encoding="raw")
+        with self.assertRaises(holdfast_client.Unavailable):
+            for frame in PICTURES * 100:
+                if session.push(frame):  # there are results
+                    server.kill()
+        self.assertGreater(session.tracks().frames, 0)
+
+    def test_errors_say_what_was_wrong(self):
+        with self.assertRaises(holdfast_client.InvalidRequest) as caught:
+            self.client().track(PICTURES, {1: (1000, 1000)}, encoding="raw")
+        self.assertIn("points", caught.exception.violations[0].field)
+        self.assertIn(self.server.address, str(caught.exception))
+        with self.assertRaises(holdfast_client.Unavailable):
+            self.client("127.0.0.1:1", timeout=5).info()
+        for wrong in (PICTURES[0].astype(float), PICTURES[0][None], b"GIF89a"):
+            with self.assertRaises(ValueError):
+                self.client().track([wrong], POINTS)
+
+    def test_an_error_of_the_callers_own_is_the_callers_own(self):
+        def frames():
+            yield from PICTURES[:5]
+            raise KeyError("mine")
+        with self.assertRaisesRegex(KeyError, "mine"):
+            self.client().track(frames(), POINTS, encoding="raw")
+
+    def test_a_server_that_stands_still_slows_its_client(self):
+        server = self.start_server()
+        session = self.client(server.address).session(POINTS, encoding="raw")
+        self.addCleanup(server.kill)
+        session.push(PICTURES[0])
+        while session.accepted is None:
+            session.push(PICTURES[0])
+        os.kill(server.process.pid, signal.SIGSTOP)
+        ended = threading.Event()
+
+        def push():
+            with contextlib.suppress(ValueError):  # it is cancelled
+                while True:
+                    session.push(PICTURES[0])
+            ended.set()
+        thread = threading.Thread(target=push, daemon=True)
+        thread.start()
+        self.assertFalse(ended.wait(3))
+        sent = session._frames
+        self.assertLess(sent, 2000)  # of 12 kB: what gRPC's windows take
+        self.assertFalse(ended.wait(1))
+        self.assertEqual(session._frames, sent)
+        os.kill(server.process.pid, signal.SIGCONT)
+        session.cancel()
+        self.assertTrue(ended.wait(60))
+        server.stop()
+
+    def test_arrays_are_sent_as_jpeg_where_that_is_possible(self):
+        colour = [np.stack([frame] * 3, axis=2) for frame in PICTURES]
+        tracks = self.client().track(colour, POINTS)
+        difference = np.abs(tracks.xy - self.uninterrupted().xy)
+        self.assertGreater(difference.max(), 0)  # they were
+        self.assertLess(np.median(difference), 0.3)
+
+    def test_tracks_are_written(self):
+        tracks = self.uninterrupted()
+        tracks.to_npz(self.directory.name + "/t.npz")
+        np.testing.assert_array_equal(np.load(self.directory.name + "/t.npz")["xy"], tracks.xy)
+        tracks.to_csv(self.directory.name + "/t.csv")
+        lines = pathlib.Path(self.directory.name + "/t.csv").read_text(encoding="utf-8").splitlines()
+        self.assertEqual(lines[0], "id,frame,x,y,visible,confidence,final")
+        self.assertEqual(len(lines), 1 + 3 * FRAMES)
+
+
+if __name__ == "__main__":
+    ClientTest.server_program, ClientTest.protoc = sys.argv[1:3]
+    del sys.argv[1:3]
+    unittest.main()
