@@ -30,8 +30,9 @@ bool SelectSource(absl::string_view source) {
       if (!wanted) others.push_back(absl::StrCat(suite.name(), ".", test.name()));
     }
   }
-  std::string& filter = ::testing::GTEST_FLAG(filter);
+  std::string filter = GTEST_FLAG_GET(filter);
   if (!others.empty()) absl::StrAppend(&filter, absl::StrContains(filter, '-') ? ":" : "-", absl::StrJoin(others, ":"));
+  GTEST_FLAG_SET(filter, filter);
   return found;
 }
 
