@@ -104,17 +104,22 @@ function(_holdfast_test_program target module sources deps pch)
   endforeach()
 endfunction()
 
-# Tests that may take longest begin first: one that begins last runs alone.
+# holdfast_takes_long(module/x_test seconds [label...]): how long a test may take. Those that may take longest begin
+# first: one that begins last runs alone.
+function(holdfast_takes_long name timeout)
+  if(HOLDFAST_SANITIZE)
+    math(EXPR timeout "4 * ${timeout}")
+  endif()
+  set_tests_properties(${name} PROPERTIES LABELS "${ARGN}" TIMEOUT ${timeout} COST ${timeout})
+endfunction()
+
 function(_holdfast_add_test name command labels timeout)
   add_test(NAME ${name} COMMAND ${command})
   set_property(GLOBAL PROPERTY "HOLDFAST_COMMAND_${name}" ${command})
   if(NOT timeout)
     set(timeout 300)
   endif()
-  if(HOLDFAST_SANITIZE)
-    math(EXPR timeout "4 * ${timeout}")
-  endif()
-  set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${timeout} COST ${timeout})
+  holdfast_takes_long(${name} ${timeout} ${labels})
 endfunction()
 
 # holdfast_test(module/x_test SOURCES ... DEPS ... [PCH torch|grpc] [LABELS ...] [TIMEOUT seconds]): a test program;
@@ -141,14 +146,6 @@ function(holdfast_tests module)
   foreach(test ${A_TESTS})
     _holdfast_add_test(${module}/${test}_test "${target};--source=${test}_test.cc" "" "")
   endforeach()
-endfunction()
-
-# holdfast_takes_long(module/x_test seconds [label...]): a test of holdfast_tests that needs more time than others.
-function(holdfast_takes_long name timeout)
-  if(HOLDFAST_SANITIZE)
-    math(EXPR timeout "4 * ${timeout}")
-  endif()
-  set_tests_properties(${name} PROPERTIES LABELS "${ARGN}" TIMEOUT ${timeout} COST ${timeout})
 endfunction()
 
 # holdfast_isa_test(module/x_test ISA set THREADS n [FILTER gtest filter]) runs a test once more with at most one

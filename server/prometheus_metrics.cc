@@ -32,24 +32,6 @@ Buckets LatencyBuckets() { return {.01, .025, .05, .1, .25, .5, 1, 2.5, 5, 10, 3
 Buckets TokenBuckets() { return {1e3, 4e3, 16e3, 64e3, 256e3, 1e6, 4e6, 16e6}; }
 Buckets CountBuckets() { return {0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024}; }
 
-const char* Name(Stage stage) {
-  switch (stage) {
-    case Stage::kDecode:
-      return "decode";
-    case Stage::kFlow:
-      return "flow";
-    case Stage::kQueue:
-      return "queue";
-    case Stage::kEncode:
-      return "encode";
-    case Stage::kRefine:
-      return "refine";
-    case Stage::kEmit:
-      return "emit";
-  }
-  return "other";
-}
-
 const char* Name(SessionOutcome outcome) {
   switch (outcome) {
     case SessionOutcome::kCompleted:
@@ -197,7 +179,7 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
   Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused});
   for (const Stage stage :
        {Stage::kDecode, Stage::kFlow, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {
-    impl_->stages.Add({{"stage", Name(stage)}}, StageBuckets());
+    impl_->stages.Add({{"stage", StageName(stage)}}, StageBuckets());
   }
   prometheus::BuildGauge()
       .Name("holdfast_build_info")
@@ -244,7 +226,7 @@ void PrometheusMetrics::PointsActive(int64_t delta) { impl_->points_active.Incre
 void PrometheusMetrics::FrameDone(FrameResult result) { impl_->frames.Add({{"result", Name(result)}}).Increment(); }
 
 void PrometheusMetrics::StageTook(Stage stage, absl::Duration duration) {
-  impl_->stages.Add({{"stage", Name(stage)}}, StageBuckets()).Observe(absl::ToDoubleSeconds(duration));
+  impl_->stages.Add({{"stage", StageName(stage)}}, StageBuckets()).Observe(absl::ToDoubleSeconds(duration));
 }
 
 void PrometheusMetrics::FirstEstimate(absl::Duration since_arrival) {

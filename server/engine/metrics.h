@@ -11,6 +11,25 @@
 namespace holdfast {
 
 enum class Stage { kDecode, kFlow, kQueue, kEncode, kRefine, kEmit };
+// As metrics and traces have it.
+inline const char* StageName(Stage stage) {
+  switch (stage) {
+    case Stage::kDecode:
+      return "decode";
+    case Stage::kFlow:
+      return "flow";
+    case Stage::kQueue:
+      return "queue";
+    case Stage::kEncode:
+      return "encode";
+    case Stage::kRefine:
+      return "refine";
+    case Stage::kEmit:
+      return "emit";
+  }
+  return "other";
+}
+
 enum class SessionOutcome {
   kCompleted,
   kFailed,       // by a fault of the server

@@ -2,27 +2,6 @@
 #include "server/tracing/stream_trace.h"
 
 namespace holdfast {
-namespace {
-
-const char* NameOf(Stage stage) {
-  switch (stage) {
-    case Stage::kDecode:
-      return "decode";
-    case Stage::kFlow:
-      return "flow";
-    case Stage::kQueue:
-      return "queue";
-    case Stage::kEncode:
-      return "encode";
-    case Stage::kRefine:
-      return "refine";
-    case Stage::kEmit:
-      return "emit";
-  }
-  return "unknown";
-}
-
-}  // namespace
 
 StreamTrace::StreamTrace(TraceContext context, SpanSink* sink, Clock& clock)
     : context_(std::move(context)),
@@ -38,7 +17,7 @@ void StreamTrace::Add(const StageWork& work) const {
   sink_->Take({context_.trace_id,
                NewSpanId(),
                context_.span_id,
-               NameOf(work.stage),
+               StageName(work.stage),
                WallTime(work.begin),
                WallTime(work.end),
                absl::OkStatus(),
