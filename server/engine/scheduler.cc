@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/scheduler.h"
-#include "server/engine/status_of.h"
 
 #include <algorithm>
 #include <utility>
 
 #include "absl/status/status.h"
+#include "server/engine/input/long_slices.h"
+#include "server/engine/status_of.h"
 
 namespace holdfast {
 namespace {
@@ -48,6 +49,7 @@ void Scheduler::Notify() {
 }
 
 void Scheduler::Run() {
+  RunInLongSlices();
   model_.PrepareThread();
   while (AwaitWork()) {
     while (TakeTurn()) {

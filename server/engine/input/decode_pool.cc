@@ -4,10 +4,16 @@
 #include <algorithm>
 #include <utility>
 
+#include "server/engine/input/long_slices.h"
+
 namespace holdfast {
 
 DecodePool::DecodePool(int threads, const Clock& clock) : clock_(clock), thread_count_(threads) {
-  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Run(); });
+  for (int i = 0; i < threads; ++i)
+    threads_.emplace_back([this] {
+      RunInLongSlices();
+      Run();
+    });
 }
 
 DecodePool::~DecodePool() {

@@ -20,7 +20,6 @@ using ::testing::Ge;
 using ::testing::HasSubstr;
 using ::testing::Le;
 
-
 FrameFormat Format(FrameEncoding encoding, ImageSize raw = {}) { return {encoding, raw, 1000 * 1000}; }
 
 // A picture of one colour, with a gradient so that it takes some bytes.
