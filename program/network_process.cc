@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/network_process.h"
 
+#include "absl/synchronization/mutex.h"
 #include "program/freed_memory.h"
 #include "program/openmp_wait.h"
 
@@ -9,6 +10,10 @@ namespace holdfast {
 void PrepareForNetwork(char** argv) {
   ChooseOpenMpWait(argv);
   KeepFreedMemory();
+#ifdef NDEBUG
+  // Debian builds abseil with the search for cycles of locks, which takes a lock of its own at every lock.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
+#endif
 }
 
 }  // namespace holdfast
