@@ -68,6 +68,7 @@ ABSL_FLAG(bool, json, false, "Prints the server's answer as JSON.");
 ABSL_FLAG(int, sessions, holdfast::LoadOptions().sessions, "Opens so many sessions at once.");
 ABSL_FLAG(std::string, fps, "max", "Sends so many frames a second in each session. max: as many as the server takes.");
 ABSL_FLAG(double, seconds, absl::ToDoubleSeconds(holdfast::LoadOptions().duration), "Sends for so long.");
+ABSL_FLAG(double, ramp, 0, "Opens the sessions one after the other over so many seconds. 0: all at once.");
 ABSL_FLAG(double, slow, 0, "Lets so many per cent of the sessions take their time over results.");
 ABSL_FLAG(double, cancel, 0, "Lets so many per cent of the sessions go away and come back.");
 ABSL_FLAG(double, bad, 0, "Lets so many per cent of the sessions send what is no frame, and come back.");
@@ -112,7 +113,7 @@ std::string Help() {
           {"max_frames", "max_side", "jpeg_quality", "processing_size", "hop", "iterations", "live", "promise_fps"}),
       "\nInfo:\n", DescribeFlags({"json"}),
       "\nLoad (with points, out, max_side, jpeg_quality, processing_size, hop, live and promise_fps of above):\n",
-      DescribeFlags({"sessions", "fps", "seconds", "slow", "cancel", "bad"}));
+      DescribeFlags({"sessions", "fps", "seconds", "ramp", "slow", "cancel", "bad"}));
 }
 
 absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
@@ -161,6 +162,7 @@ absl::StatusOr<LoadOptions> LoadOptionsFromFlags(const std::string& input) {
   options.points = *points;
   options.fps = *fps;
   options.duration = absl::Seconds(absl::GetFlag(FLAGS_seconds));
+  options.ramp = absl::Seconds(absl::GetFlag(FLAGS_ramp));
   options.slow = absl::GetFlag(FLAGS_slow);
   options.cancel = absl::GetFlag(FLAGS_cancel);
   options.bad = absl::GetFlag(FLAGS_bad);

@@ -92,8 +92,13 @@ std::vector<LoadResult> RunClients(const LoadOptions& options, const Film& film,
   std::vector<std::thread> threads;
   for (size_t i = 0; i < kinds.size(); ++i) {
     threads.emplace_back([&, i] {
-      const LoadSession::Options client{
-          kinds[i], ConfigOf(options, film.size), film.frames, options.fps, options.duration, i};
+      const LoadSession::Options client{kinds[i],
+                                        ConfigOf(options, film.size),
+                                        film.frames,
+                                        options.fps,
+                                        options.duration,
+                                        i,
+                                        options.ramp * static_cast<int64_t>(i) / static_cast<int64_t>(kinds.size())};
       const auto wait = [&waiter = waiters[i]](SteadyTime until) { return waiter.WaitUntil(until); };
       results[i] = LoadSession(client, environment.connect, clock, wait).Run();
     });
@@ -119,6 +124,9 @@ absl::Status LoadOptions::Validate() const {
   }
   if (!(fps >= 0) || std::isinf(fps)) return absl::InvalidArgumentError("--fps: expected 0 or more");
   if (duration <= absl::ZeroDuration()) return absl::InvalidArgumentError("--seconds: expected more than 0");
+  if (ramp < absl::ZeroDuration() || ramp > duration) {
+    return absl::InvalidArgumentError("--ramp: expected 0 to as many as --seconds");
+  }
   if (!out.empty() && !absl::EndsWith(out, ".json")) {
     return absl::InvalidArgumentError(absl::StrCat("--out: load writes .json, got ", out));
   }

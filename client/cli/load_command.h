@@ -21,6 +21,7 @@ struct LoadOptions {
   int points = 64;  // of each session, spread over the frame
   double fps = 0;   // of each session; 0: as fast as the server takes frames
   absl::Duration duration = absl::Seconds(30);
+  absl::Duration ramp;                   // over which the sessions begin, one after the other
   double slow = 0, cancel = 0, bad = 0;  // per cent of the sessions; the others are healthy
   std::string out;                       // .json for the results; empty: none
   int max_side = 0;                      // of the frames sent, pixels; 0: as they are

@@ -15,7 +15,8 @@ namespace holdfast {
 namespace {
 
 constexpr absl::Duration kShortestPause = absl::Milliseconds(100);  // before a client comes back
-constexpr absl::Duration kSlowReading = absl::Seconds(1);           // for each answer
+constexpr double kMostJitter = 0.5;  // of the pause: clients that were refused together do not come back together
+constexpr absl::Duration kSlowReading = absl::Seconds(1);  // for each answer
 constexpr int64_t kMostFramesBeforeGoing = 120;
 constexpr size_t kMaxErrors = 16;  // that one client remembers
 
@@ -115,6 +116,7 @@ LoadResult LoadSession::Run() {
     result.errors.push_back(tracker.status());
     return result;
   }
+  if (options_.delay > absl::ZeroDuration() && !Pause(options_.delay)) return result;
   while (!TimeIsOver() && result.errors.size() < kMaxErrors && RunSession(**tracker, result)) {
   }
   return result;
@@ -135,7 +137,7 @@ bool LoadSession::RunSession(PointTracker& tracker, LoadResult& result) {
     }
     const auto overload = OverloadDetails(stream.status());
     const absl::Duration pause = std::max(overload ? overload->retry_after : absl::ZeroDuration(), kShortestPause);
-    return Pause(pause);
+    return Pause(pause * std::uniform_real_distribution<double>(1, 1 + kMostJitter)(random_));
   }
   ++result.sessions;
   ++opened_;

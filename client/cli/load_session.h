@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -50,14 +51,15 @@ class LoadSession {
     std::shared_ptr<const std::vector<std::string>> frames;  // encoded as the config says; not empty
     double fps = 0;                                          // 0: as fast as the server takes them
     absl::Duration duration;
-    uint64_t seed = 0;  // of when it goes away
+    uint64_t seed = 0;     // of when it goes away, and comes back
+    absl::Duration delay;  // before the first session; part of the duration
   };
   using Connect = std::function<absl::StatusOr<std::unique_ptr<PointTracker>>()>;
   // Waits until then, or less when the run is stopped, and says whether to go on.
   using Wait = std::function<bool(SteadyTime until)>;
 
   LoadSession(const Options& options, Connect connect, const Clock& clock, Wait wait)
-      : options_(options), connect_(std::move(connect)), clock_(clock), wait_(std::move(wait)) {}
+      : options_(options), connect_(std::move(connect)), clock_(clock), wait_(std::move(wait)), random_(options.seed) {}
 
   // Blocks for the duration and until the last session is over.
   LoadResult Run();
@@ -76,6 +78,7 @@ class LoadSession {
   const Connect connect_;
   const Clock& clock_;
   const Wait wait_;
+  std::mt19937_64 random_;
   SteadyTime end_;
   uint64_t opened_ = 0;
 };

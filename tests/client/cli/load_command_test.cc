@@ -43,6 +43,8 @@ TEST(LoadOptionsTest, SaysWhatIsWrong) {
   expect("--points", [](LoadOptions& o) { o.points = 0; });
   expect("--fps", [](LoadOptions& o) { o.fps = -1; });
   expect("--seconds", [](LoadOptions& o) { o.duration = absl::ZeroDuration(); });
+  expect("--ramp", [](LoadOptions& o) { o.ramp = absl::Milliseconds(51); });
+  expect("--ramp", [](LoadOptions& o) { o.ramp = absl::Milliseconds(-1); });
   expect("--slow", [](LoadOptions& o) { o.slow = 101; });
   expect("--bad", [](LoadOptions& o) { o.bad = -1; });
   expect("at most 100 per cent", [](LoadOptions& o) { o.slow = o.cancel = 60; });

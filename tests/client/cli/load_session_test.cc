@@ -4,7 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <set>
 #include <utility>
+#include <vector>
 
 #include "api/errors.h"
 #include "tests/support/fake_tracker.h"
@@ -20,15 +22,21 @@ using ::testing::SizeIs;
 
 FakeEstimate Still(const PointQuery& query, int64_t, int64_t) { return {query.x, query.y}; }
 
-// Refuses every session.
+// Refuses every session, and notes when.
 class FullTracker final : public PointTracker {
  public:
+  FullTracker(const Clock& clock, std::vector<SteadyTime>& asked) : clock_(clock), asked_(asked) {}
   absl::StatusOr<std::unique_ptr<TrackStream>> Open(const SessionConfig&, TrackObserver& observer) override {
+    asked_.push_back(clock_.SteadyNow());
     const absl::Status full = OverloadError("sessions", "all are open", absl::Seconds(2));
     observer.OnDone(full, {});
     return full;
   }
   absl::StatusOr<TrackerInfo> Info() override { return TrackerInfo{}; }
+
+ private:
+  const Clock& clock_;
+  std::vector<SteadyTime>& asked_;
 };
 
 class LoadSessionTest : public ::testing::Test {
@@ -100,14 +108,33 @@ TEST_F(LoadSessionTest, ALostSessionIsAnErrorAndIsTriedAgain) {
   EXPECT_EQ(result.sessions, 4) << "of five frames each, and a last one";
 }
 
-TEST_F(LoadSessionTest, ARefusedClientComesBackWhenItWasTold) {
-  options_.duration = absl::Seconds(5);
-  const LoadResult result =
-      Run([]() -> absl::StatusOr<std::unique_ptr<PointTracker>> { return std::make_unique<FullTracker>(); });
-  EXPECT_EQ(result.refused, 3);
-  EXPECT_EQ(result.refusal.count(), 3u);
-  EXPECT_EQ(result.sessions, 0);
-  EXPECT_THAT(result.errors, IsEmpty());
+TEST_F(LoadSessionTest, RefusedClientsComeBackWhenTheyWereToldButNotTogether) {
+  options_.duration = absl::Seconds(20);
+  std::vector<absl::Duration> pauses;
+  for (options_.seed = 0; options_.seed < 2; ++options_.seed) {
+    std::vector<SteadyTime> asked;
+    const LoadResult result = Run([&]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
+      return std::make_unique<FullTracker>(clock_, asked);
+    });
+    EXPECT_EQ(result.refused, static_cast<int64_t>(asked.size()));
+    EXPECT_EQ(result.refusal.count(), asked.size());
+    EXPECT_EQ(result.sessions, 0);
+    EXPECT_THAT(result.errors, IsEmpty());
+    for (size_t i = 1; i < asked.size(); ++i) pauses.push_back(Between(asked[i - 1], asked[i]));
+  }
+  EXPECT_THAT(pauses, SizeIs(::testing::Ge(2u * 6)));
+  EXPECT_THAT(pauses,
+              ::testing::Each(::testing::AllOf(::testing::Ge(absl::Seconds(2)), ::testing::Le(absl::Seconds(3)))));
+  EXPECT_THAT(std::set<absl::Duration>(pauses.begin(), pauses.end()), SizeIs(pauses.size()));
+}
+
+TEST_F(LoadSessionTest, AClientBeginsAfterItsDelay) {
+  options_.delay = absl::Milliseconds(1500);
+  const LoadResult result = RunOnFake();
+  EXPECT_EQ(result.frames, 5);
+  EXPECT_EQ(result.active, absl::Milliseconds(500));
+  stopped_ = true;
+  EXPECT_EQ(RunOnFake().sessions, 0);
 }
 
 TEST_F(LoadSessionTest, ClientsThatGoAwayComeBack) {
