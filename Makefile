@@ -13,7 +13,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps tools configure build test dist wheel demo bench train-small format lint sanitize fuzz clean
+.PHONY: help deps tools configure build test dist packages wheel demo bench train-small format lint sanitize fuzz clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -48,6 +48,9 @@ dist: build ## make the source archive and Debian packages of server, client and
 	cpack --config $(BUILD)/CPackConfig.cmake -B out/dist > /dev/null
 	rm -rf out/dist/_CPack_Packages
 	ls -sh out/dist
+
+packages: ## install the packages of `make dist` in a fresh Debian and use them there (root; out/packages has the logs)
+	.ci/packages
 
 # hatchling asks for what only editable installations take, and Debian 12 has not.
 wheel: ## make the Python client's wheel in out/python/dist
