@@ -119,7 +119,7 @@ void ToProto(const SessionState::Track& track, v1::Track* out) {
   EstimatesToProto(state.estimates, out);
   if (track.patch) {
     ToProto({track.patch->at.x, track.patch->at.y}, out->mutable_patch()->mutable_at());
-    out->mutable_patch()->set_pixels(track.patch->pixels.data(), track.patch->pixels.size());
+    out->mutable_patch()->set_code(track.patch->code);
   }
 }
 
@@ -166,7 +166,7 @@ absl::string_view FaultOfFrames(const v1::Track& track) {
 }
 
 absl::string_view FaultOfPatch(const v1::Patch& patch) {
-  if (patch.pixels().size() != size_t{FlowPatch::kSide} * FlowPatch::kSide) return "its patch is not of its size";
+  if (patch.code().size() > FlowPatch::kMaxCodeBytes) return "its patch is too large";
   return IsFinite(patch.at()) ? kFine : "its patch's position is not finite";
 }
 
@@ -264,7 +264,7 @@ SessionState::Track TrackFromProto(const v1::Track& track) {
   state.estimates = EstimatesFromProto(track);
   if (track.has_patch()) {
     const v1::Patch& patch = track.patch();
-    out.patch = FlowPatch{{patch.at().x(), patch.at().y()}, {patch.pixels().begin(), patch.pixels().end()}};
+    out.patch = {{patch.at().x(), patch.at().y()}, patch.code()};
   }
   return out;
 }

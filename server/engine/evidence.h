@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -24,6 +25,15 @@ struct Evidence {
   int64_t age = 0;       // frames since the query
   Polish polish = Polish::kNotTried;
 };
+
+// 'value' as near as 8 significant bits come, NaN as itself. What the network says for and against an estimate is kept
+// so: that is more than it is worth, and takes half the bytes in a checkpoint, which has to say exactly what was kept.
+inline float Coarse(float value) {
+  if (!std::isfinite(value)) return value;
+  int exponent = 0;
+  const float fraction = std::frexp(value, &exponent);
+  return std::ldexp(std::round(fraction * 256) / 256, exponent);
+}
 
 // Is told of every estimate that became final, save those of the queries themselves. Called on the engine's threads,
 // before the estimate is reported; one call at a time a session.

@@ -24,7 +24,8 @@ void Session::Resume(SessionState state) {
   }
   for (SessionState::Track& saved : state.tracks) {
     const PointTrack& track = tracks_.Restore(std::move(saved.state));
-    if (flow_ != nullptr) RestoreFlow(track, std::move(saved.patch));
+    if (flow_ != nullptr)
+      RestoreFlow(track, saved.patch ? ReadPatch(saved.patch->at, saved.patch->code) : std::nullopt);
   }
   CountPoints(0);
 }
@@ -63,7 +64,7 @@ SessionState Session::State() const {
     saved.state = track->state();
     if (saved.state.ending && saved.state.ending->last_frame == state.taken_frame) saved.state.ending.reset();
     if (flow_ == nullptr) continue;
-    if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = *patch;
+    if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = {patch->at, patch->code};
   }
   return state;
 }

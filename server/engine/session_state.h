@@ -32,9 +32,13 @@ struct SessionState {
   uint64_t next_serial = 0;
   SessionSummary summary;
 
+  struct Patch {  // of a FlowPatch what ReadPatch takes
+    FlowPoint at;
+    std::string code;
+  };
   struct Track {
     TrackState state;
-    std::optional<FlowPatch> patch;  // the picture around the query, for polish
+    std::optional<Patch> patch;  // the picture around the query, for polish
   };
   std::vector<Track> tracks;  // in the order they were seeded
 };

@@ -127,7 +127,7 @@ def token_state(pb, polish):
         track.shown_y.extend([2.0, 2.0] if polish else [])
         if polish and serial == 0:
             track.patch.at.x = track.patch.at.y = 3
-            track.patch.pixels = bytes(64 * 64)
+            track.patch.code = bytes(40)
     return state
 
 

@@ -6,6 +6,9 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
+#include <utility>
+
+#include "server/engine/motion/patch_coding.h"
 
 namespace holdfast {
 namespace {
@@ -85,6 +88,10 @@ cv::Point CornerAround(FlowPoint point, ImageSize size) {
   return {middle(point.x, size.width) - FlowPatch::kSide / 2, middle(point.y, size.height) - FlowPatch::kSide / 2};
 }
 
+// What is kept of a patch: a search reads no pixels further from the point.
+constexpr int kMargin = (FlowPatch::kSide - kCodedSide) / 2;
+cv::Rect Middle() { return {kMargin, kMargin, kCodedSide, kCodedSide}; }
+
 double Area(ImageSize size) { return static_cast<double>(size.width) * size.height; }
 
 }  // namespace
@@ -156,10 +163,20 @@ std::vector<std::optional<FlowMatch>> FollowPoints(const FlowPyramid& from, cons
 
 FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at) {
   const cv::Point corner = CornerAround(at, picture.size());
-  FlowPatch patch{{at.x - static_cast<float>(corner.x), at.y - static_cast<float>(corner.y)},
-                  std::vector<uint8_t>(static_cast<size_t>(FlowPatch::kSide) * FlowPatch::kSide)};
-  Crop(picture.levels().images[0], corner)
-      .copyTo(cv::Mat(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, patch.pixels.data()));
+  const cv::Mat middle = Crop(picture.levels().images[0], corner)(Middle()).clone();
+  const FlowPoint within{at.x - static_cast<float>(corner.x), at.y - static_cast<float>(corner.y)};
+  std::optional<FlowPatch> patch = ReadPatch(within, EncodePatch({middle.data, middle.total()}));
+  CV_Assert(patch.has_value());
+  return *std::move(patch);
+}
+
+std::optional<FlowPatch> ReadPatch(FlowPoint at, std::string code) {
+  std::optional<std::vector<uint8_t>> middle = DecodePatch(code);
+  if (!middle) return std::nullopt;
+  FlowPatch patch{at, std::move(code), std::vector<uint8_t>(size_t{FlowPatch::kSide} * FlowPatch::kSide)};
+  cv::Mat pixels(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, patch.pixels.data());
+  cv::copyMakeBorder(cv::Mat(kCodedSide, kCodedSide, CV_8UC1, middle->data()), pixels, kMargin, kMargin, kMargin,
+                     kMargin, cv::BORDER_REPLICATE);
   return patch;
 }
 

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -77,14 +78,18 @@ std::vector<std::optional<FlowMatch>> FollowPoints(const FlowPyramid& from, cons
                                                    absl::Span<const FlowPoint> starts);
 
 // The surroundings of a point, cut out so that they can be looked for in pictures to come without the picture they are
-// from.
+// from. Its pixels are those that come back from its code, so that a patch that was kept as code finds the same.
 struct FlowPatch {
   static constexpr int kSide = 64;
-  static constexpr int64_t kBytes = int64_t{kSide} * kSide + 16;
-  FlowPoint at;                 // within the patch
-  std::vector<uint8_t> pixels;  // [kSide, kSide]
+  static constexpr size_t kMaxCodeBytes = 3 * 56 * 56;  // grey values that differ as much as they can take less
+  static constexpr int64_t kBytes = int64_t{kSide} * kSide + 1024;  // with more code than pictures usually make
+  FlowPoint at;                                                     // within the patch
+  std::string code;                                                 // of the part in the middle (patch_coding.h)
+  std::vector<uint8_t> pixels;  // [kSide, kSide]; the middle's edge is repeated beyond it
 };
 FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at);
+// From what was kept of a patch; empty where 'code' is none.
+std::optional<FlowPatch> ReadPatch(FlowPoint at, std::string code);
 
 // Looks for the patch near 'start'; empty when nothing is found.
 std::optional<FlowMatch> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start);

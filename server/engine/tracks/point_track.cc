@@ -159,9 +159,9 @@ PointTrack::Estimate PointTrack::Judge(const RowEstimate& row, const WindowPlan&
   const int64_t at = frame - plan.first;
   Estimate estimate;
   estimate.position = estimate.shown = row.positions[at];
-  if (!row.visibility_logit.empty()) estimate.evidence.visibility_logit = row.visibility_logit[at];
-  estimate.evidence.similarity = row.similarity[at];
-  estimate.evidence.last_step = row.last_step[at];
+  if (!row.visibility_logit.empty()) estimate.evidence.visibility_logit = Coarse(row.visibility_logit[at]);
+  estimate.evidence.similarity = Coarse(row.similarity[at]);
+  estimate.evidence.last_step = Coarse(row.last_step[at]);
   estimate.evidence.age = frame - seed_.frame;
   estimate.seen = NetworkConfidence(estimate.evidence) > kVisibleAbove && geometry.Inside(estimate.position);
   Weigh(estimate, geometry);

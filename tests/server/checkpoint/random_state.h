@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "server/engine/motion/patch_coding.h"
 #include "server/engine/session_state.h"
 
 namespace holdfast {
@@ -71,9 +72,9 @@ class RandomState {
       at = {at.x + Normal(0, .2F), at.y + Normal(0, .2F)};
       EstimateState estimate;
       estimate.position = estimate.shown = at;
-      estimate.visibility_logit = Below(8) == 0 ? std::numeric_limits<float>::quiet_NaN() : Normal(2, 2);
-      estimate.similarity = Uniform(.5F, 1);
-      estimate.last_step = Uniform(0, .5F);
+      estimate.visibility_logit = Below(8) == 0 ? std::numeric_limits<float>::quiet_NaN() : Coarse(Normal(2, 2));
+      estimate.similarity = Coarse(Uniform(.5F, 1));
+      estimate.last_step = Coarse(Uniform(0, .5F));
       estimate.seen = Below(8) != 0;
       if (i < polished && estimate.seen) {
         estimate.shown = {at.x + Normal(0, .05F), at.y + Normal(0, .05F)};
@@ -87,15 +88,14 @@ class RandomState {
     state.covered = state.first_kept + count - 1;
   }
 
-  FlowPatch Patch() {
-    FlowPatch patch;
-    patch.at = {Uniform(0, 63), Uniform(0, 63)};
+  SessionState::Patch Patch() {
+    std::vector<uint8_t> pixels;
     float level = Uniform(50, 200);
-    for (int i = 0; i < FlowPatch::kSide * FlowPatch::kSide; ++i) {
+    for (int i = 0; i < kCodedSide * kCodedSide; ++i) {
       level = std::min(255.F, std::max(0.F, level + Normal(0, 4)));
-      patch.pixels.push_back(static_cast<uint8_t>(level));
+      pixels.push_back(static_cast<uint8_t>(level));
     }
-    return patch;
+    return {{Uniform(0, 63), Uniform(0, 63)}, EncodePatch(pixels)};
   }
 
   std::mt19937 random_;
@@ -131,8 +131,8 @@ class StateBits {
     }
     if (s.ending) Add(s.ending->last_frame, s.ending->stop);
     if (s.previous) Add(*s.previous);
-    if (track.patch) Add(track.patch->at, track.patch->pixels.size());
-    if (track.patch) bits_.append(track.patch->pixels.begin(), track.patch->pixels.end());
+    if (track.patch) Add(track.patch->at, track.patch->code.size());
+    if (track.patch) bits_.append(track.patch->code);
   }
 
   std::string bits_;

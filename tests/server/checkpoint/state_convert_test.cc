@@ -136,7 +136,8 @@ TEST(StateConvertTest, TracksThatCannotBeAreRefused) {
       {"not in their order", track([](auto& t) { t.set_sent_before(t.first_kept() - 1); })},
       {"ends at no frame", track([](auto& t) { t.mutable_ending()->set_stop(-2); })},
       {"ends at no frame", track([](auto& t) { t.mutable_ending()->set_last_frame(int64_t{1} << 61); })},
-      {"patch is not of its size", track([](auto& t) { t.mutable_patch()->mutable_pixels()->pop_back(); })},
+      {"patch is too large",
+       track([](auto& t) { t.mutable_patch()->set_code(std::string(FlowPatch::kMaxCodeBytes + 1, 'x')); })},
       {"patch's position", track([](auto& t) { t.mutable_patch()->mutable_at()->set_x(kNan); })},
   });
 }

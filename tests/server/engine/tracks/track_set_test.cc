@@ -408,8 +408,8 @@ TEST(TrackSetTest, TheSinkHearsTheLogitOfTheEstimateThatBecomesFinal) {
   ASSERT_EQ(harness.HeardFrames(1), FramesFrom(1, 3));
   for (const Heard& heard : harness.heard()) {
     EXPECT_EQ(heard.evidence.visibility_logit, estimate.visibility_logit[heard.frame]);
-    EXPECT_EQ(heard.evidence.similarity, estimate.similarity[heard.frame]);
-    EXPECT_EQ(heard.evidence.last_step, estimate.last_step[heard.frame]);
+    EXPECT_EQ(heard.evidence.similarity, Coarse(estimate.similarity[heard.frame]));
+    EXPECT_EQ(heard.evidence.last_step, Coarse(estimate.last_step[heard.frame]));
   }
 }
 
