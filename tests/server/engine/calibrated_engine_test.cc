@@ -152,7 +152,7 @@ TEST_F(CalibratedEngineTest, TheSinkHearsOfEveryFinalEstimateButNotOfQueries) {
   EXPECT_EQ(told.FramesOf(3), FramesFrom(26, 59));
   EXPECT_THAT(told.evidence(), SizeIs(23 + 59 + 34));
   for (const auto& [key, evidence] : told.evidence()) {
-    EXPECT_EQ(evidence.similarity, 0.7f);
+    EXPECT_EQ(evidence.similarity, Coarse(0.7f));
     EXPECT_EQ(evidence.age, key.second - (key.first == 3 ? 25 : 0));
     EXPECT_EQ(listener.Final(key.first).at(key.second).confidence, NetworkConfidence(evidence));
   }
