@@ -48,5 +48,5 @@ set(CPACK_COMPONENT_HOLDFAST-SERVER_DESCRIPTION "Point tracking server\n Tracks 
 set(CPACK_COMPONENT_HOLDFAST_DESCRIPTION "Point tracking client\n Tracks points through video with a Holdfast server.")
 set(CPACK_COMPONENT_LIBHOLDFAST-DEV_DESCRIPTION
   "Point tracking client library\n Streams video to a Holdfast server and takes tracks from it, in C++.")
-set(CPACK_DEBIAN_LIBHOLDFAST-DEV_PACKAGE_DEPENDS "libabsl-dev, libgrpc++-dev, libprotobuf-dev, nlohmann-json3-dev")
+set(CPACK_DEBIAN_LIBHOLDFAST-DEV_PACKAGE_DEPENDS "libabsl-dev, libgrpc++-dev, libprotobuf-dev, nlohmann-json3-dev, protobuf-compiler-grpc")
 include(CPack)
