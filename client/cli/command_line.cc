@@ -43,7 +43,10 @@ ABSL_FLAG(std::string, points, "",
 ABSL_FLAG(int, grid, 0, "Tracks about this many points spread over the frame, or this many on --mask.");
 ABSL_FLAG(std::string, mask, "", "Spreads points over the nonzero pixels of this picture, which has the frame's size.");
 ABSL_FLAG(int64_t, query_frame, 0, "Starts the points of --grid and --mask at this frame.");
-ABSL_FLAG(std::string, out, "", "Writes the tracks to this file: .json, .csv or .npz.");
+ABSL_FLAG(
+    std::string, out, "",
+    "Writes the tracks to this file: .json, .csv, .npz, .dlc.csv (DeepLabCut) or .xml (CVAT). -: a line of JSON for "
+    "each estimate as it comes, to standard output.");
 ABSL_FLAG(std::string, overlay, "", "Writes a video with the tracks drawn on it to this file: .mp4.");
 ABSL_FLAG(std::string, still, "", "Writes one picture of the overlay to this file: .png or .jpg.");
 ABSL_FLAG(int64_t, still_frame, holdfast::OverlayVideo::Options().still_frame,
@@ -89,7 +92,8 @@ Usage: holdfast track INPUT [flags]   follow points and write their tracks
        holdfast load INPUT [flags]    put many sessions on the server and say how it bears them
        holdfast --help | --version
 
-INPUT is a video file, a directory of .jpg or .png frames, camera:0 or /dev/video0.
+INPUT is a video file, a directory of .jpg or .png frames, camera:0 or /dev/video0, an address such as rtsp://... or
+http://..., or - for JPEGs one after the other on standard input.
 Every flag can also be set in the environment: HOLDFAST_SERVER for --server.
 
 When the server is lost, a run goes on as soon as it is back, or with the next of several (--server=a:50051,b:50051).
@@ -237,7 +241,9 @@ int Fail(const Console& console, const absl::Status& status, int code) {
 
 int Track(const std::vector<std::string>& args, const Console& console, StopSignal& stop) {
   if (args.size() != 1) {
-    return Fail(console, absl::InvalidArgumentError("track: give one INPUT, a video, a directory or a camera"), kUsage);
+    return Fail(console,
+                absl::InvalidArgumentError("track: give one INPUT, a video, a directory, a camera, an address or -"),
+                kUsage);
   }
   const auto options = TrackOptionsFromFlags(args[0]);
   if (!options.ok()) return Fail(console, options.status(), kUsage);
@@ -246,7 +252,7 @@ int Track(const std::vector<std::string>& args, const Console& console, StopSign
   const auto connect = [&server]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
     return RemoteTracker::Connect(*server);
   };
-  const absl::Status status = RunTrack(*options, {connect, stop, console.err, console.terminal});
+  const absl::Status status = RunTrack(*options, {connect, stop, console.out, console.err, console.terminal});
   if (status.ok()) return kOk;
   const bool interrupted = absl::IsCancelled(status) && stop.stopped();
   return Fail(console, status, interrupted ? SignalExitCode(stop.signal()) : kFailed);

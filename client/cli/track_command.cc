@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -18,6 +19,7 @@
 #include "client/cli/frame_reader.h"
 #include "client/cli/progress.h"
 #include "client/cli/track_extent.h"
+#include "client/cli/track_lines.h"
 #include "client/cli/track_table.h"
 #include "client/cli/track_writer.h"
 #include "client/cli/video.h"
@@ -25,6 +27,8 @@
 
 namespace holdfast {
 namespace {
+
+absl::Status ReaderIsGone() { return absl::DataLossError("standard output takes no more lines"); }
 
 int64_t TotalFrames(const TrackOptions& options, const FrameSource& source) {
   if (options.max_frames == 0) return source.frames();
@@ -47,6 +51,7 @@ class TrackRun final : public TrackObserver {
         answers_([] { return SystemClock().SteadyNow(); }),
         table_(points),
         progress_({environment.terminal, total_frames_, [] { return SystemClock().SteadyNow(); }}, environment.log) {
+    if (options.lines()) lines_.emplace(points, environment.out);
     for (const StartPoint& point : points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
   }
 
@@ -71,6 +76,7 @@ class TrackRun final : public TrackObserver {
           absl::StrCat("the tracker speaks of ", update.frames_received, " frames after ", sent_, " were sent"));
     }
     if (broken_.ok()) broken_ = table_.Apply(update);
+    if (broken_.ok() && lines_ && !lines_->Write(update)) broken_ = ReaderIsGone();
     processed_ = std::max(processed_, update.frames_processed);
     const int64_t answered = answers_.Answered(update);
     const int64_t done = options_.live ? answered : processed_;
@@ -201,8 +207,12 @@ class TrackRun final : public TrackObserver {
     }
     std::vector<std::string> files;
     absl::Status status;
-    if (!options_.out.empty()) status = WriteTracks(options_.out, table_, facts_, extent);
-    if (status.ok()) files.push_back(options_.out);
+    if (lines_) {
+      if (!lines_->End(extent)) status = ReaderIsGone();
+    } else if (!options_.out.empty()) {
+      status = WriteTracks(options_.out, table_, facts_, extent);
+      if (status.ok()) files.push_back(options_.out);
+    }
     absl::Status painted = overlay_.Paint(table_, extent.frames);
     if (painted.ok()) painted = overlay_.Close();
     if (painted.ok()) files.insert(files.end(), {options_.overlay.video, options_.overlay.still});
@@ -245,6 +255,7 @@ class TrackRun final : public TrackObserver {
 
   absl::Mutex mutex_;
   TrackTable table_ ABSL_GUARDED_BY(mutex_);
+  std::optional<TrackLines> lines_ ABSL_GUARDED_BY(mutex_);
   Progress progress_ ABSL_GUARDED_BY(mutex_);
   int64_t sent_ ABSL_GUARDED_BY(mutex_) = 0;       // frames
   int64_t processed_ ABSL_GUARDED_BY(mutex_) = 0;  // frames
@@ -252,7 +263,8 @@ class TrackRun final : public TrackObserver {
 };
 
 absl::Status CheckOutputs(const TrackOptions& options) {
-  for (const std::string& path : {options.out, options.overlay.video, options.overlay.still}) {
+  for (const std::string& path :
+       {options.lines() ? std::string() : options.out, options.overlay.video, options.overlay.still}) {
     const absl::Status writable = path.empty() ? absl::OkStatus() : CheckWritable(path);
     if (!writable.ok()) return writable;
   }
@@ -265,7 +277,7 @@ absl::Status TrackOptions::Validate() const {
   if (out.empty() && !overlay.wanted()) {
     return absl::InvalidArgumentError("nothing to write: give --out, --overlay or --still");
   }
-  if (!out.empty() && !TrackFormatOf(out).ok()) return TrackFormatOf(out).status();
+  if (!out.empty() && !lines() && !TrackFormatOf(out).ok()) return TrackFormatOf(out).status();
   if (absl::Status status = overlay.Validate(); !status.ok()) return status;
   if (absl::Status status = points.Validate(); !status.ok()) return status;
   if (jpeg_quality < 1 || jpeg_quality > 100) return absl::InvalidArgumentError("--jpeg_quality: expected 1..100");

@@ -20,7 +20,7 @@ namespace holdfast {
 struct TrackOptions {
   std::string input;  // as FrameSource::Open takes it
   PointOptions points;
-  std::string out;  // .json, .csv or .npz; empty: none
+  std::string out;  // a file as WriteTracks takes it, "-": lines as they come, as TrackLines writes them; empty: none
   OverlayVideo::Options overlay;
   int64_t max_frames = 0;  // 0: all
   int max_side = 0;        // of the frames sent, pixels; 0: as they are
@@ -33,6 +33,7 @@ struct TrackOptions {
 
   // What is wrong with the call itself, before any file is opened.
   absl::Status Validate() const;
+  bool lines() const { return out == "-"; }
 };
 
 // What a run needs from outside.
@@ -40,6 +41,7 @@ struct TrackEnvironment {
   // Called once the input and the points are known to be good.
   std::function<absl::StatusOr<std::unique_ptr<PointTracker>>()> connect;
   StopSignal& stop;   // cancels the session; listened to from the accepted session to the written files
+  std::ostream& out;  // lines of estimates, where they are asked for
   std::ostream& log;  // progress and what was written
   bool terminal;      // whether 'log' is one
 };

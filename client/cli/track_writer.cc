@@ -11,6 +11,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/cli/track_exports.h"
 #include "io/atomic_file.h"
 #include "io/npz_writer.h"
 
@@ -113,10 +114,18 @@ class Arrays {
 absl::Status WriteText(const std::string& path, TrackFormat format, const TrackTable& table, const VideoFacts& video,
                        const TrackExtent& extent) {
   std::ofstream out(path, std::ios::binary);
-  if (format == TrackFormat::kJson) {
-    WriteJson(out, table, video, extent);
-  } else {
-    WriteCsv(out, table);
+  switch (format) {
+    case TrackFormat::kJson:
+      WriteJson(out, table, video, extent);
+      break;
+    case TrackFormat::kDeepLabCut:
+      WriteDeepLabCut(out, table, extent);
+      break;
+    case TrackFormat::kCvat:
+      WriteCvat(out, table, video, extent);
+      break;
+    default:
+      WriteCsv(out, table);
   }
   out.close();
   return out ? absl::OkStatus() : absl::InternalError("cannot be written");
@@ -126,9 +135,11 @@ absl::Status WriteText(const std::string& path, TrackFormat format, const TrackT
 
 absl::StatusOr<TrackFormat> TrackFormatOf(absl::string_view path) {
   if (absl::EndsWithIgnoreCase(path, ".json")) return TrackFormat::kJson;
+  if (absl::EndsWithIgnoreCase(path, ".dlc.csv")) return TrackFormat::kDeepLabCut;
   if (absl::EndsWithIgnoreCase(path, ".csv")) return TrackFormat::kCsv;
   if (absl::EndsWithIgnoreCase(path, ".npz")) return TrackFormat::kNpz;
-  return absl::InvalidArgumentError(absl::StrCat(path, ": track files end in .json, .csv or .npz"));
+  if (absl::EndsWithIgnoreCase(path, ".xml")) return TrackFormat::kCvat;
+  return absl::InvalidArgumentError(absl::StrCat(path, ": track files end in .json, .csv, .npz, .dlc.csv or .xml"));
 }
 
 absl::Status WriteTracks(const std::string& path, const TrackTable& table, const VideoFacts& video,

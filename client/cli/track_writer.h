@@ -19,9 +19,10 @@ namespace holdfast {
 // kNpz:  tracks [N, T, 2] float32 pixels (NaN where absent), visible [N, T] bool, confidence [N, T] float32,
 //        ids [N] int64; complete bool, final_frames int64 and expected_frames int64 without dimensions
 // 'complete', 'final_frames' and 'expected_frames' as in TrackExtent.
-enum class TrackFormat { kJson, kCsv, kNpz };
+// kDeepLabCut, kCvat: see track_exports.h
+enum class TrackFormat { kJson, kCsv, kNpz, kDeepLabCut, kCvat };
 
-// By the path's suffix; INVALID_ARGUMENT for others than .json, .csv and .npz.
+// By the path's suffix; INVALID_ARGUMENT for others than .json, .csv, .npz, .dlc.csv (DeepLabCut) and .xml (CVAT).
 absl::StatusOr<TrackFormat> TrackFormatOf(absl::string_view path);
 
 struct VideoFacts {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -49,6 +50,10 @@ ImageSize Limited(ImageSize size, int max_side) {
   return {Scaled(size.width, factor), Scaled(size.height, factor)};
 }
 
+// FFmpeg looks at megabytes or seconds of a stream before it gives a frame, unless it is told not to; that a user told
+// it something wins.
+void TakeFramesAtOnce() { setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "probesize;32|analyzeduration;0", /*overwrite=*/0); }
+
 }  // namespace
 
 FrameSource::FrameSource(std::string input, Reader read, double fps, int64_t frames)
@@ -57,7 +62,9 @@ FrameSource::FrameSource(std::string input, Reader read, double fps, int64_t fra
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input) {
   std::error_code ignored;
   const bool camera = absl::StartsWith(input, kCameraPrefix) || absl::StartsWith(input, "/dev/");
-  if (!camera && !fs::exists(input, ignored)) return absl::NotFoundError(absl::StrCat(input, ": no such file"));
+  const bool stream = input == "-" || absl::StrContains(input, "://");
+  if (!camera && !stream && !fs::exists(input, ignored))
+    return absl::NotFoundError(absl::StrCat(input, ": no such file"));
   auto source = camera ? OpenCamera(input) : fs::is_directory(input, ignored) ? OpenDirectory(input) : OpenVideo(input);
   if (!source.ok()) return source.status();
   absl::StatusOr<cv::Mat> first = (*source)->read_();
@@ -69,8 +76,9 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::string& input) {
   auto capture = std::make_shared<cv::VideoCapture>();
+  if (input == "-") TakeFramesAtOnce();
   const auto opened = WithoutException(input, [&] {
-    capture->open(input, cv::CAP_FFMPEG);
+    capture->open(input == "-" ? "pipe:0" : input, cv::CAP_FFMPEG);
     return cv::Mat();
   });
   if (!opened.ok()) return opened.status();

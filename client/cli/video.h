@@ -17,7 +17,9 @@ namespace holdfast {
 class FrameSource {
  public:
   // 'input': a video file, a directory (its .jpg, .jpeg and .png files in the order of their names), "camera:N" or a
-  // device such as /dev/video0. Reads the first frame, so that an input without frames is an error here.
+  // device such as /dev/video0, an address (rtsp://, http:// or whatever FFmpeg opens), or "-": JPEGs one after the
+  // other on standard input (MJPEG). Reads the first frame, so that an
+  // input without frames is an error here.
   static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input);
 
   // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame.

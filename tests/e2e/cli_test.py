@@ -18,7 +18,9 @@ import sys
 import tempfile
 import unittest
 import zipfile
+from xml.etree import ElementTree
 
+from PIL import Image
 from server_process import VIDEO, ServerProcess
 
 FRAMES = 30
@@ -38,6 +40,14 @@ def moving_picture(frames):
     pictures = (b"".join(row[WHOLE - i:WHOLE - i + WIDTH] for row in texture) for i in range(frames))
     return b"YUV4MPEG2 W%d H%d F10:1 Ip C420jpeg\n" % (WIDTH, HEIGHT) + b"".join(
         b"FRAME\n" + picture + grey for picture in pictures)
+
+
+def jpegs(video):
+    """The frames of a moving_picture."""
+    for frame in video.split(b"FRAME\n")[1:]:
+        file = io.BytesIO()
+        Image.frombytes("L", (WIDTH, HEIGHT), frame[:WIDTH * HEIGHT]).save(file, "JPEG", quality=95)
+        yield file.getvalue()
 
 
 def npy(content):
@@ -87,6 +97,46 @@ class CliTest(unittest.TestCase):
                              "--seconds=2")
         self.assertEqual(done.returncode, 1)
         self.assertIn("2 of 2 healthy clients saw errors", done.stderr)
+
+    def test_tracks_in_the_formats_of_other_programs_are_the_same(self):
+        points = [{"id": 11, "x": 268, "y": 224, "name": "head"}, {"id": 12, "x": 513, "y": 162, "frame": 4}]
+        self.path("points.json").write_text(json.dumps(points), encoding="utf-8")
+        common = ["track", str(VIDEO), f"--server={self.server.address}", f"--points={self.path('points.json')}",
+                  f"--max_frames={FEW_FRAMES}"]
+        for name in ("t.json", "t.dlc.csv", "t.xml"):
+            done = self.holdfast(*common, f"--out={self.path(name)}")
+            self.assertEqual(done.returncode, 0, done.stderr)
+        expected = {(point["id"], frame): xy for point in json.loads(self.path("t.json").read_text())["points"]
+                    for frame, xy in zip(point["frames"], point["xy"])}
+
+        rows = list(csv.reader(self.path("t.dlc.csv").read_text(encoding="utf-8").splitlines()))
+        self.assertEqual(rows[1][1::3], ["head", "12"])
+        table = {(point, int(row[0])): [float(row[at]), float(row[at + 1])] for row in rows[3:]
+                 for point, at in ((11, 1), (12, 4)) if row[at]}
+        self.assertEqual(table, expected)
+
+        tracks = list(ElementTree.parse(self.path("t.xml")).iter("track"))
+        self.assertEqual([track.get("label") for track in tracks], ["head", "point"])
+        shown = {(int(track.get("id")), int(points.get("frame"))): list(map(float, points.get("points").split(",")))
+                 for track in tracks for points in track if points.get("outside") == "0"}
+        self.assertEqual(shown, expected)
+
+    def test_a_stream_goes_in_and_lines_come_out_while_it_runs(self):
+        # JPEGs one after the other, as cameras send them; the input stays open until there are estimates.
+        self.path("points.csv").write_text("id,x,y\n1,40.5,50.25\n", encoding="utf-8")
+        client = subprocess.Popen(**{**self.command(
+            "track", "-", f"--server={self.server.address}", f"--points={self.path('points.csv')}", "--out=-"),
+            "stdin": subprocess.PIPE, "text": False})
+        client.stdin.write(b"".join(jpegs(moving_picture(SENT))))
+        client.stdin.flush()
+        first = json.loads(client.stdout.readline())
+        self.assertEqual((first["id"], first["frame"]), (1, 0))
+        out, err = client.communicate(timeout=60)
+        self.assertEqual(client.returncode, 0, err)
+        lines = [first, *map(json.loads, out.splitlines())]
+        self.assertEqual(lines[-1], {"complete": True, "frames": SENT, "final_frames": SENT, "expected_frames": SENT})
+        final = [line["frame"] for line in lines[:-1] if line["final"]]
+        self.assertEqual(final, list(range(SENT)))
 
     def test_every_output_of_a_real_video(self):
         common = ["track", str(VIDEO), f"--server={self.server.address}"]
@@ -238,4 +288,4 @@ class CliTest(unittest.TestCase):
 
 if __name__ == "__main__":
     CliTest.server_program, CliTest.client_program = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1], verbosity=2)
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=2)

@@ -10,11 +10,13 @@
 #include <fstream>
 #include <functional>
 #include <iterator>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <sstream>
 #include <thread>
+#include <utility>
 
 #include "absl/synchronization/notification.h"
 #include "tests/support/fake_tracker.h"
@@ -69,7 +71,7 @@ class TrackCommandTest : public ::testing::Test {
       ++connections_;
       return std::make_unique<Borrowed>(tracker);
     };
-    return RunTrack(options_, {connect, stop_, log_, /*terminal=*/false});
+    return RunTrack(options_, {connect, stop_, out_, log_, /*terminal=*/false});
   }
 
   nlohmann::json Tracks() { return nlohmann::json::parse(std::ifstream(options_.out)); }
@@ -84,6 +86,7 @@ class TrackCommandTest : public ::testing::Test {
   TempDir dir_;
   TrackOptions options_;
   StopSignal stop_;
+  std::ostringstream out_;
   std::ostringstream log_;
   int connections_ = 0;
 };
@@ -104,6 +107,33 @@ TEST_F(TrackCommandTest, WritesTracksOverlayAndStillOfAllFrames) {
   EXPECT_EQ(json["expected_frames"], 6);
   EXPECT_THAT(log_.str(), HasSubstr("6/6 frames"));
   EXPECT_THAT(log_.str(), HasSubstr("wrote " + options_.out));
+}
+
+TEST_F(TrackCommandTest, EstimatesGoToStandardOutputAsTheyCome) {
+  options_.out = "-";
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  std::istringstream lines(out_.str());
+  std::map<std::pair<int, int>, nlohmann::json> final_ones;
+  nlohmann::json last;
+  for (std::string line; std::getline(lines, line);) {
+    last = nlohmann::json::parse(line);
+    if (last.value("final", false)) final_ones[{last["id"], last["frame"]}] = last;
+  }
+  EXPECT_EQ(final_ones.size(), 6u + 4u);
+  EXPECT_EQ((final_ones[{1, 5}]["x"]), 15.0);
+  EXPECT_EQ((final_ones[{2, 3}]["y"]), 40.0);
+  EXPECT_EQ(last["complete"], true);
+  EXPECT_EQ(last["frames"], 6);
+  EXPECT_FALSE(std::filesystem::exists("-"));
+  EXPECT_THAT(log_.str(), HasSubstr("final on all 6 frames"));
+}
+
+TEST_F(TrackCommandTest, WhenNobodyReadsTheLinesTheRunEnds) {
+  options_.out = "-";
+  out_.setstate(std::ios::badbit);
+  FakeTracker tracker(MovingRight());
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("standard output")));
 }
 
 TEST_F(TrackCommandTest, PointsTravelWithTheirFrameAndOptionsWithTheConfig) {
@@ -344,7 +374,7 @@ TEST(TrackOptionsTest, ValidateNamesWhatIsWrong) {
     return std::string(options.Validate().message());
   };
   EXPECT_THAT(message([](auto& o) { o.out = ""; }), HasSubstr("nothing to write"));
-  EXPECT_THAT(message([](auto& o) { o.out = "t.xml"; }), HasSubstr("t.xml"));
+  EXPECT_THAT(message([](auto& o) { o.out = "t.txt"; }), HasSubstr("t.txt"));
   EXPECT_THAT(message([](auto& o) { o.overlay.video = "t.gif"; }), HasSubstr("t.gif"));
   EXPECT_THAT(message([](auto& o) { o.points.grid = 0; }), HasSubstr("no points"));
   EXPECT_THAT(message([](auto& o) { o.jpeg_quality = 101; }), HasSubstr("--jpeg_quality"));

@@ -54,6 +54,8 @@ TEST(TrackWriterTest, TheSuffixChoosesTheFormat) {
   EXPECT_THAT(TrackFormatOf("a/b.json"), IsOkAndHolds(TrackFormat::kJson));
   EXPECT_THAT(TrackFormatOf("b.CSV"), IsOkAndHolds(TrackFormat::kCsv));
   EXPECT_THAT(TrackFormatOf("b.npz"), IsOkAndHolds(TrackFormat::kNpz));
+  EXPECT_THAT(TrackFormatOf("b.dlc.csv"), IsOkAndHolds(TrackFormat::kDeepLabCut));
+  EXPECT_THAT(TrackFormatOf("b.xml"), IsOkAndHolds(TrackFormat::kCvat));
   EXPECT_THAT(TrackFormatOf("b.npy"), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("b.npy")));
 }
 

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/track_exports.h"
+
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/string_view.h"
+
+namespace holdfast {
+namespace {
+
+constexpr absl::string_view kScorer = "holdfast";
+constexpr absl::string_view kAnyPoint = "point";  // the label of points without a name
+
+std::string IdOf(const TableTrack& track) { return absl::StrCat(track.start.query.id); }
+
+bool HasName(const TableTrack& track) { return !track.start.name.empty() && track.start.name != IdOf(track); }
+
+// A field of a CSV file that may hold separators (RFC 4180).
+std::string Quoted(absl::string_view text) {
+  if (text.find_first_of(",\"\r\n") == absl::string_view::npos) return std::string(text);
+  return absl::StrCat("\"", absl::StrReplaceAll(text, {{"\"", "\"\""}}), "\"");
+}
+
+std::vector<std::string> BodyParts(const TrackTable& table) {
+  std::vector<std::string> names;
+  std::set<std::string> taken;
+  for (const TableTrack& track : table.tracks()) {
+    std::string name = HasName(track) ? track.start.name : IdOf(track);
+    while (!taken.insert(name).second) absl::StrAppend(&name, "_", IdOf(track));
+    names.push_back(Quoted(name));
+  }
+  return names;
+}
+
+// XML knows no character below a space but these, not even escaped.
+std::string Escaped(absl::string_view text) {
+  std::string known;
+  for (const char c : text) {
+    const bool control = static_cast<unsigned char>(c) < 0x20 && c != '\t' && c != '\n' && c != '\r';
+    known += control ? ' ' : c;
+  }
+  return absl::StrReplaceAll(known, {{"&", "&amp;"}, {"<", "&lt;"}, {">", "&gt;"}, {"\"", "&quot;"}});
+}
+
+std::string LabelOf(const TableTrack& track) {
+  return HasName(track) ? Escaped(track.start.name) : std::string(kAnyPoint);
+}
+
+void WriteCvatMeta(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
+  std::set<std::string> labels;
+  for (const TableTrack& track : table.tracks()) labels.insert(LabelOf(track));
+  out << "<meta><task><size>" << extent.frames << "</size><mode>interpolation</mode>"
+      << "<original_size><width>" << video.size.width << "</width><height>" << video.size.height
+      << "</height></original_size>\n<labels>\n";
+  for (const std::string& label : labels) {
+    out << "<label><name>" << label << "</name><type>points</type><attributes></attributes></label>\n";
+  }
+  out << "</labels></task></meta>\n";
+}
+
+void WriteCvatPoint(std::ostream& out, int64_t frame, const TrackSample& sample, bool outside) {
+  out << absl::StrFormat(
+      "  <points frame=\"%d\" keyframe=\"1\" outside=\"%d\" occluded=\"%d\" points=\"%.3f,%.3f\" "
+      "z_order=\"0\"></points>\n",
+      frame, outside ? 1 : 0, sample.visible ? 0 : 1, sample.x, sample.y);
+}
+
+void WriteCvatTrack(std::ostream& out, const TableTrack& track, const TrackExtent& extent) {
+  out << "<track id=\"" << IdOf(track) << "\" label=\"" << LabelOf(track) << "\" source=\"auto\">\n";
+  const TrackSample* last = nullptr;
+  int64_t after = 0;
+  for (int64_t frame = track.start.frame; frame < extent.frames; ++frame) {
+    const TrackSample* sample = TrackTable::Estimate(track, frame);
+    if (sample == nullptr) continue;
+    WriteCvatPoint(out, frame, *sample, /*outside=*/false);
+    last = sample;
+    after = frame + 1;
+  }
+  if (last != nullptr && after < extent.frames) WriteCvatPoint(out, after, *last, /*outside=*/true);
+  out << "</track>\n";
+}
+
+}  // namespace
+
+void WriteDeepLabCut(std::ostream& out, const TrackTable& table, const TrackExtent& extent) {
+  std::string scorers = "scorer", parts = "bodyparts", coords = "coords";
+  for (const std::string& part : BodyParts(table)) {
+    for (const char* coord : {"x", "y", "likelihood"}) {
+      absl::StrAppend(&scorers, ",", kScorer);
+      absl::StrAppend(&parts, ",", part);
+      absl::StrAppend(&coords, ",", coord);
+    }
+  }
+  out << scorers << "\n" << parts << "\n" << coords << "\n";
+  for (int64_t frame = 0; frame < extent.frames; ++frame) {
+    out << frame;
+    for (const TableTrack& track : table.tracks()) {
+      const TrackSample* sample = TrackTable::Estimate(track, frame);
+      out << (sample == nullptr ? ",,," : absl::StrFormat(",%.3f,%.3f,%.3f", sample->x, sample->y, sample->confidence));
+    }
+    out << "\n";
+  }
+}
+
+void WriteCvat(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
+  out << "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<annotations>\n<version>1.1</version>\n";
+  WriteCvatMeta(out, table, video, extent);
+  for (const TableTrack& track : table.tracks()) WriteCvatTrack(out, track, extent);
+  out << "</annotations>\n";
+}
+
+}  // namespace holdfast

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/track_lines.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_format.h"
+
+namespace holdfast {
+namespace {
+
+const char* Word(bool value) { return value ? "true" : "false"; }
+
+// JSON knows no other numbers.
+std::string Number(float value) { return std::isfinite(value) ? absl::StrFormat("%.3f", value) : "null"; }
+
+}  // namespace
+
+TrackLines::TrackLines(const std::vector<StartPoint>& points, std::ostream& out) : out_(out) {
+  using nlohmann::json;
+  for (const StartPoint& point : points) {
+    names_[point.query.id] = json(point.name).dump(-1, ' ', false, json::error_handler_t::replace);
+  }
+}
+
+bool TrackLines::Write(const TrackUpdate& update) {
+  for (const PointRun& run : update.runs) WriteRun(run);
+  return static_cast<bool>(out_.flush());
+}
+
+void TrackLines::WriteRun(const PointRun& run) {
+  const auto name = names_.find(run.id);
+  for (size_t i = 0; i < run.x.size(); ++i) {
+    out_ << absl::StrFormat(
+        "{\"id\": %d, \"name\": %s, \"frame\": %d, \"x\": %s, \"y\": %s, \"visible\": %s, \"confidence\": %s, "
+        "\"final\": %s}\n",
+        run.id, name == names_.end() ? "\"\"" : name->second, run.first_frame + static_cast<int64_t>(i),
+        Number(run.x[i]), Number(run.y[i]), Word(run.visible[i] != 0), Number(run.confidence[i]),
+        Word(static_cast<int64_t>(i) < run.final_count));
+  }
+}
+
+bool TrackLines::End(const TrackExtent& extent) {
+  out_ << absl::StrFormat("{\"complete\": %s, \"frames\": %d, \"final_frames\": %d, \"expected_frames\": %d}\n",
+                          Word(extent.complete), extent.frames, extent.final_frames, extent.expected_frames);
+  return static_cast<bool>(out_.flush());
+}
+
+}  // namespace holdfast

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/track_lines.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+namespace holdfast {
+namespace {
+
+using nlohmann::json;
+
+std::vector<json> Lines(const std::string& text) {
+  std::vector<json> lines;
+  std::istringstream in(text);
+  for (std::string line; std::getline(in, line);) lines.push_back(json::parse(line));
+  return lines;
+}
+
+TEST(TrackLinesTest, EveryEstimateIsALineAtOnceAndTheLastOneSaysHowMuchThereIs) {
+  std::ostringstream out;
+  TrackLines lines({{{4, 0, 0}, 0, "nose \"x\""}}, out);
+  EXPECT_TRUE(lines.Write({{{4, 7, {1.25f, 2}, {10, 20}, {1, 0}, {0.5f, 0.25f}, 1}}, 9, 8}));
+  ASSERT_EQ(Lines(out.str()).size(), 2u);
+  EXPECT_TRUE(lines.End({9, 8, 12, false}));
+  const std::vector<json> all = Lines(out.str());
+  ASSERT_EQ(all.size(), 3u);
+  EXPECT_EQ(all[0], json::parse(R"({"id": 4, "name": "nose \"x\"", "frame": 7, "x": 1.25, "y": 10.0, "visible": true,
+                                    "confidence": 0.5, "final": true})"));
+  EXPECT_EQ(all[1], json::parse(R"({"id": 4, "name": "nose \"x\"", "frame": 8, "x": 2.0, "y": 20.0, "visible": false,
+                                    "confidence": 0.25, "final": false})"));
+  EXPECT_EQ(all[2], json::parse(R"({"complete": false, "frames": 9, "final_frames": 8, "expected_frames": 12})"));
+}
+
+TEST(TrackLinesTest, WhatJsonDoesNotKnowIsNull) {
+  std::ostringstream out;
+  TrackLines lines({{{1, 0, 0}, 0, "\xFF"}}, out);
+  lines.Write({{{1, 0, {NAN}, {INFINITY}, {1}, {1}, 0}}, 1, 1});
+  const json line = Lines(out.str()).at(0);
+  EXPECT_TRUE(line["x"].is_null());
+  EXPECT_TRUE(line["y"].is_null());
+}
+
+TEST(TrackLinesTest, SaysWhenNobodyReads) {
+  std::ostringstream out;
+  out.setstate(std::ios::badbit);
+  TrackLines lines({}, out);
+  EXPECT_FALSE(lines.Write({}));
+  EXPECT_FALSE(lines.End({}));
+}
+
+}  // namespace
+}  // namespace holdfast
