@@ -8,8 +8,9 @@
     tracks.xy  # float32 [N, T, 2]
 """
 from ._session import Run, Update
-from .client import Client, Reconnect, Session, Tls
+from .client import Client, Reconnect, Tls
 from .errors import (HoldfastError, InvalidRequest, NotAllowed, NotResumable, Overloaded, Unavailable, Violation)
+from .session import Session
 from .tracks import Tracks
 
 __all__ = ["Client", "HoldfastError", "InvalidRequest", "NotAllowed", "NotResumable", "Overloaded", "Reconnect", "Run",

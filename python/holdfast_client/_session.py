@@ -56,7 +56,6 @@ class SessionState:
         self.accepted: pb.SessionAccepted | None = None
         self.summary: pb.SessionSummary | None = None
         self.table = TrackTable()
-        self.progressed = False  # since the last loss
         self._buffer_bytes = buffer_bytes
         self._messages: deque[pb.TrackRequest] = deque()
         self._sent = 0  # of them, at the front
@@ -145,7 +144,6 @@ class SessionState:
             self.table.add(run)
             runs.append(Run(run.id, run.first_frame, np.stack([run.x, run.y], axis=1).astype(np.float32),
                             np.array(run.visible, bool), np.array(run.confidence, np.float32), run.final_count))
-        self.progressed |= tracks.frames_processed > self._processed
         self._processed = max(self._processed, tracks.frames_processed)
         return Update(tuple(runs), tracks.frames_received, self._processed)
 

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the blocking client and the one of asyncio have in common: what they are told and what they send, without
+threads and without waiting."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from datetime import datetime
+from typing import Any, Generic, TypeVar, Union
+
+from . import errors
+from ._channel import Tls, addresses_of, open_channel
+from ._frames import Frame, FrameCodec, Points, to_points
+from ._plan import Reconnect, Route
+from ._proto import point_tracking_pb2 as pb
+from ._session import SessionState, Update
+from .tracks import Tracks
+
+_SERVICE = "/holdfast.v1.PointTracking/"
+_UNSENT = 4  # messages that wait before push() does: so a slow server slows its client
+
+
+class BaseSession:
+    """One video: the messages of its frames and points, what came back, and how it ended."""
+
+    def __init__(self, client: BaseClient[Any], config: pb.SessionConfig, encoding: str) -> None:
+        self._client = client
+        self._encoding = encoding
+        self._codec: FrameCodec | None = None  # the first frame settles it, and opens the session
+        self._frames = 0  # sent
+        reconnect = client.reconnect
+        self._state = SessionState(config, reconnect is not None, reconnect.buffer_bytes if reconnect else 0)
+        self._route = Route(self._state, len(client.addresses), client.timeout, reconnect)
+        self._updates: list[Update] = []
+        self._closed = False  # nothing more is pushed
+        self._cancelled = False
+        self._ended = False
+        self._error: BaseException | None = None
+        self.on_reconnecting: Callable[[errors.HoldfastError], None] = lambda error: None
+        self.on_resumed: Callable[[str], None] = lambda server: None
+
+    @property
+    def accepted(self) -> pb.SessionAccepted | None:
+        """What the server made of the options, once it has answered."""
+        return self._state.accepted
+
+    def _settle(self, first: Frame) -> None:
+        """The first frame says how all are sent."""
+        self._codec = FrameCodec(first, self._encoding)
+        config = self._state.config
+        config.encoding = self._codec.encoding
+        if self._codec.raw_size is not None:
+            config.raw_size.width, config.raw_size.height = self._codec.raw_size
+
+    def _frame_message(self, frame: Frame, points: Points, capture_time: datetime | None) -> pb.TrackRequest:
+        assert self._codec is not None
+        message = pb.TrackRequest()
+        message.frame.index = self._frames
+        message.frame.data = self._codec.data(frame)
+        message.frame.points.extend(to_points(points))
+        if capture_time is not None:
+            message.frame.capture_time.FromDatetime(capture_time)
+        return message
+
+    def _add_message(self, points: Points) -> pb.TrackRequest | None:
+        """None: the session is not open yet, and begins with them."""
+        if self._codec is None:
+            self._state.config.points.extend(to_points(points))
+            return None
+        return pb.TrackRequest(add_points=pb.AddPoints(points=to_points(points)))
+
+    def _remove_message(self, ids: Iterable[int]) -> pb.TrackRequest | None:
+        """None: the session is not open yet, and begins without them."""
+        gone = set(ids)
+        if self._codec is not None:
+            return pb.TrackRequest(remove_points=pb.RemovePoints(ids=gone))
+        kept = [point for point in self._state.config.points if point.id not in gone]
+        del self._state.config.points[:]
+        self._state.config.points.extend(kept)
+        return None
+
+    def _can_send(self, message: pb.TrackRequest) -> bool:
+        """False: the caller waits."""
+        return self._ended or self._cancelled or (self._state.unsent < _UNSENT and self._state.room_for(message))
+
+    def _append(self, message: pb.TrackRequest) -> None:
+        """To what is sent. Raises what ended the session."""
+        if self._error is not None:
+            raise self._error
+        if self._ended or self._cancelled or self._closed:
+            raise ValueError("the session has ended")
+        self._state.append(message)
+
+    def _take(self, response: pb.TrackResponse) -> None:
+        update = self._state.take(response)
+        if update is not None and update.runs:
+            self._updates.append(update)
+
+    def _take_updates(self) -> list[Update]:
+        updates, self._updates = self._updates, []
+        return updates
+
+    def _tracks(self) -> Tracks:
+        return self._state.table.tracks()
+
+
+SessionType = TypeVar("SessionType", bound=BaseSession)
+
+
+class BaseClient(Generic[SessionType]):
+    """The servers, and what they are told of every session."""
+
+    _grpc: Any  # grpc or grpc.aio: whose channels these are
+    _session_type: Callable[[Any, pb.SessionConfig, str], SessionType]
+
+    def __init__(self, address: Union[str, Sequence[str]] = "localhost:50051", *, tls: Union[bool, Tls] = False,
+                 token: str | None = None, reconnect: Reconnect | None = Reconnect(), timeout: float = 30.0) -> None:
+        self.addresses = addresses_of(address)
+        self.reconnect = reconnect
+        self.timeout = timeout
+        self._metadata = (("authorization", f"Bearer {token}"),) if token else ()
+        self._channels = [open_channel(self._grpc, one, tls) for one in self.addresses]
+
+    def session(self, points: Points = (), *, size: tuple[int, int] | None = None, hop: int = 0, iterations: int = 0,
+                every_frame: bool = False, final_only: bool = False, encoding: str = "auto", label: str = "",
+                frames_per_second: float = 0.0) -> SessionType:
+        """A live session; `points` are queried at its first frame.
+
+        `size`: of processing, (width, height); `hop`, `iterations`: 0 leaves them to the server; `every_frame`: an
+        estimate at once for each frame; `final_only`: no estimates that may still be revised; `encoding`: of arrays,
+        'auto' (JPEG where OpenCV or Pillow is), 'jpeg', 'raw'; `label`: for the server's logs; `frames_per_second`: the
+        pace that the server has to promise, 0 for none.
+        """
+        config = pb.SessionConfig(points=to_points(points), hop_frames=hop, iterations=iterations, label=label,
+                                  final_only=final_only, frames_per_second=frames_per_second,
+                                  emit=pb.EMIT_EVERY_FRAME if every_frame else pb.EMIT_WINDOWS)
+        if size is not None:
+            config.processing_size.width, config.processing_size.height = size
+        if self.reconnect is not None:
+            config.checkpoint_interval_frames = self.reconnect.checkpoint_interval
+        return self._session_type(self, config, encoding)
+
+    def _info_call(self, server: int) -> Any:
+        ask = self._channels[server].unary_unary(_SERVICE + "GetServerInfo", pb.GetServerInfoRequest.SerializeToString,
+                                                 pb.GetServerInfoResponse.FromString)
+        return ask(pb.GetServerInfoRequest(), timeout=self.timeout, metadata=self._metadata)
+
+    def _track_call(self, server: int, *requests: Any) -> Any:
+        track = self._channels[server].stream_stream(_SERVICE + "Track", pb.TrackRequest.SerializeToString,
+                                                     pb.TrackResponse.FromString)
+        return track(*requests, metadata=self._metadata)

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The way to a server: addresses, encryption and gRPC's options, for both kinds of channels."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Union
+
+import grpc
+
+_OPTIONS: tuple[tuple[str, Any], ...] = (
+    ("grpc.max_receive_message_length", 64 << 20), ("grpc.max_send_message_length", -1),
+    ("grpc.use_local_subchannel_pool", 1), ("grpc.keepalive_time_ms", 30_000),
+    ("grpc.keepalive_timeout_ms", 10_000), ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.min_reconnect_backoff_ms", 100), ("grpc.max_reconnect_backoff_ms", 1000))
+
+
+@dataclass(frozen=True)
+class Tls:
+    """How client and server know each other: PEM files; `ca` None: the system's authorities."""
+
+    ca: str | None = None
+    cert: str | None = None
+    key: str | None = None
+    server_name: str | None = None  # expected in the server's certificate; None: the host of the address
+
+    def credentials(self) -> grpc.ChannelCredentials:
+        def read(path: str | None) -> bytes | None:
+            if path is None:
+                return None
+            with open(path, "rb") as file:
+                return file.read()
+        return grpc.ssl_channel_credentials(read(self.ca), read(self.key), read(self.cert))
+
+
+def addresses_of(address: Union[str, Sequence[str]]) -> list[str]:
+    addresses = address.split(",") if isinstance(address, str) else list(address)
+    if not addresses or not all(":" in one for one in addresses):
+        raise ValueError(f"address is {address!r}, expected host:port")
+    return addresses
+
+
+def open_channel(kind: Any, address: str, tls: Union[bool, Tls]) -> Any:
+    """`kind`: the module whose channel it is, grpc or grpc.aio."""
+    options = list(_OPTIONS)
+    if not tls:
+        return kind.insecure_channel(address, options)
+    tls = Tls() if tls is True else tls
+    if tls.server_name is not None:
+        options.append(("grpc.ssl_target_name_override", tls.server_name))
+    return kind.secure_channel(address, tls.credentials(), options)

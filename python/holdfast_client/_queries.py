@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The points of a whole video, each with the frame that it is queried at."""
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Union
+
+import numpy as np
+
+# {id: (x, y)} or [N, 2], of the first frame; {id: (frame, x, y)} or [N, 3].
+Queried = Union[np.ndarray, Mapping[int, Sequence[float]], Iterable[Sequence[float]]]
+
+
+class Queries:
+    """By frame. Points without ids are 0, 1, 2..."""
+
+    def __init__(self, points: Queried) -> None:
+        self.frames: dict[int, int] = {}  # by id
+        self._by_frame: dict[int, dict[int, tuple[float, float]]] = {}
+        for point, query in points.items() if isinstance(points, Mapping) else enumerate(points):
+            if len(query) not in (2, 3):
+                raise ValueError(f"a point is {list(query)}, expected x, y or frame, x, y")
+            frame, x, y = query if len(query) == 3 else (0, *query)
+            if frame != int(frame) or frame < 0:
+                raise ValueError(f"point {point} is queried at frame {frame}, expected 0, 1, 2...")
+            self.frames[point] = int(frame)
+            self._by_frame.setdefault(int(frame), {})[point] = (float(x), float(y))
+
+    @property
+    def last(self) -> int:
+        """The newest frame at which a point is queried."""
+        return max(self._by_frame, default=0)
+
+    def at(self, frame: int) -> dict[int, tuple[float, float]]:
+        return self._by_frame.get(frame, {})
+
+    def check(self, count: int) -> None:
+        """Whether a video of so many frames has them all."""
+        if self._by_frame and self.last >= count:
+            missing = min(frame for frame in self._by_frame if frame >= count)
+            raise ValueError(f"there are points of frame {missing}, but {count} frames")
