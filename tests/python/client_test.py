@@ -1,62 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Python client against real servers.
-
-Usage: client_test.py HOLDFAST_SERVER PROTOC
-"""
+"""The blocking client against real servers."""
 import contextlib
 import os
-import pathlib
 import signal
-import subprocess
-import sys
-import tempfile
 import threading
 import unittest
 
 import numpy as np
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "e2e"))
-from server_process import ServerProcess  # noqa: E402
+import support
+from support import FRAMES, PICTURES, POINTS
 
-SMALL = ["--processing_size=128x96", "--iterations=2", "--precision=float32", "--compute_threads=1"]
-WIDTH, HEIGHT, FRAMES = 128, 96, 48
-POINTS = np.array([[40.5, 50.25], [80, 30], [60, 40]], np.float32)
+import holdfast_client
 
 
-def picture(index):
-    """uint8 [HEIGHT, WIDTH]: a texture that moves one pixel to the right each frame."""
-    y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
-    x -= index
-    wave = 128 + 60 * np.sin(x * 0.35) * np.cos(y * 0.3) + 40 * np.sin(x * 0.11 + y * 0.17)
-    return wave.astype(np.uint8)
-
-
-PICTURES = [picture(i) for i in range(FRAMES)]
-
-
-class ClientTest(unittest.TestCase):
-    server_program = protoc = None
-
-    @classmethod
-    def setUpClass(cls):
-        cls.directory = tempfile.TemporaryDirectory(prefix="holdfast-python-")
-        cls.addClassCleanup(cls.directory.cleanup)
-        subprocess.run([sys.executable, ROOT / "python" / "stage.py", cls.directory.name, f"--protoc={cls.protoc}",
-                        "--google"], check=True)
-        sys.path.insert(0, cls.directory.name)
-        global holdfast_client
-        import holdfast_client
-        keys = pathlib.Path(cls.directory.name) / "keys"
-        keys.write_text("k1:" + "a" * 64 + "\n", encoding="utf-8")
-        cls.flags = [*SMALL, f"--checkpoint_keys={keys}", "--grace_period=0s"]
-        cls.server = cls.start_server()
-        cls.addClassCleanup(cls.server.stop)
-
-    @classmethod
-    def start_server(cls, *flags):
-        return ServerProcess(cls.server_program, *cls.flags, *flags)
-
+class ClientTest(support.ServedTest, unittest.TestCase):
     def client(self, *addresses, **options):
         client = holdfast_client.Client(list(addresses) or self.server.address, **options)
         self.addCleanup(client.close)
@@ -64,12 +22,6 @@ class ClientTest(unittest.TestCase):
 
     def uninterrupted(self):
         return self.client().track(PICTURES, POINTS, encoding="raw")
-
-    def assert_same(self, tracks, expected):
-        np.testing.assert_array_equal(tracks.ids, expected.ids)
-        np.testing.assert_allclose(tracks.xy, expected.xy, atol=1e-3)
-        np.testing.assert_array_equal(tracks.visible, expected.visible)
-        self.assertTrue(tracks.final.all())
 
     def test_a_video_becomes_arrays(self):
         tracks = self.uninterrupted()
@@ -178,15 +130,13 @@ class ClientTest(unittest.TestCase):
 
     def test_tracks_are_written(self):
         tracks = self.uninterrupted()
-        tracks.to_npz(self.directory.name + "/t.npz")
-        np.testing.assert_array_equal(np.load(self.directory.name + "/t.npz")["xy"], tracks.xy)
-        tracks.to_csv(self.directory.name + "/t.csv")
-        lines = pathlib.Path(self.directory.name + "/t.csv").read_text(encoding="utf-8").splitlines()
+        tracks.to_npz(self.directory / "t.npz")
+        np.testing.assert_array_equal(np.load(self.directory / "t.npz")["xy"], tracks.xy)
+        tracks.to_csv(self.directory / "t.csv")
+        lines = (self.directory / "t.csv").read_text(encoding="utf-8").splitlines()
         self.assertEqual(lines[0], "id,frame,x,y,visible,confidence,final")
         self.assertEqual(len(lines), 1 + 3 * FRAMES)
 
 
 if __name__ == "__main__":
-    ClientTest.server_program, ClientTest.protoc = sys.argv[1:3]
-    del sys.argv[1:3]
-    unittest.main()
+    support.main()
