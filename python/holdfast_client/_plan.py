@@ -78,7 +78,7 @@ class _Search:
             return
         self._refused.add(server)
         if not isinstance(error, errors.NotResumable) or len(self._refused) == len(self._order):
-            raise error
+            raise error from None
 
     def next(self, error: errors.HoldfastError) -> Attempt:
         while self._order[0] in self._refused:
@@ -89,7 +89,7 @@ class _Search:
             pause = max(pause, error.retry_after or 0)
         left = self._deadline - self._now() - pause
         if left <= 0:
-            raise error
+            raise error from None
         self._order.append(self._order.pop(0))
         return Attempt(self._order[-1], pause, min(self._timeout, left))
 
@@ -130,13 +130,13 @@ class Route:
         elif failed.lost and self._state.keeps:
             self._search = _Search(self._order_after(attempt.server), self._seconds, self._timeout, self._now)
         else:
-            raise failed.error
+            raise failed.error from None
         return self._search.next(failed.error)
 
     def _another_first(self, attempt: Attempt, failed: CallFailed) -> Attempt:
         elsewhere = failed.lost or isinstance(failed.error, (errors.Overloaded, errors.NotResumable))
         if not elsewhere or attempt.server + 1 == self._servers:
-            raise failed.error
+            raise failed.error from None
         return Attempt(attempt.server + 1, 0.0, self._timeout)
 
     def _order_after(self, server: int) -> list[int]:

@@ -34,6 +34,11 @@ class Queries:
     def at(self, frame: int) -> dict[int, tuple[float, float]]:
         return self._by_frame.get(frame, {})
 
+    def reversed(self) -> Queries:
+        """For the video that runs from the last query's frame back to the first frame, of those that have a past."""
+        return Queries({point: (self.last - frame, *self._by_frame[frame][point])
+                        for point, frame in self.frames.items() if frame > 0})
+
     def check(self, count: int) -> None:
         """Whether a video of so many frames has them all."""
         if self._by_frame and self.last >= count:

@@ -9,6 +9,7 @@ import grpc
 
 from . import errors
 from ._base import BaseClient
+from ._both import Backward
 from ._channel import Tls
 from ._frames import Frame
 from ._plan import Reconnect
@@ -51,10 +52,22 @@ class Client(BaseClient[Session]):
                     raise error from None
         raise AssertionError("there is a server")
 
-    def track(self, frames: Iterable[Frame], points: Queried, **options: Any) -> Tracks:
+    def track(self, frames: Iterable[Frame], points: Queried, *, both: bool = False, **options: Any) -> Tracks:
         """Tracks points through a whole video: `points` as {id: (x, y)} or [N, 2] of the first frame, or with the frame
-        of each as {id: (frame, x, y)} or [N, 3]. `options` as of session(). Frames are read as they are sent."""
+        of each as {id: (frame, x, y)} or [N, 3]. `options` as of session(). Frames are read as they are sent.
+
+        `both`: also before each point's query, by a second session, over the frames up to the last query in reverse
+        order. For that `frames` has to be a sequence, whose first frames are indexed again after the last one was sent.
+        What is tracked after the queries is the same as without.
+        """
         queries = Queries(points)
+        backward = Backward(frames, queries) if both else None
+        tracks = self._track(frames, queries, options)
+        if backward is None or queries.last == 0:
+            return tracks
+        return backward.merge(tracks, self._track(backward, backward.queries, options))
+
+    def _track(self, frames: Iterable[Frame], queries: Queries, options: dict[str, Any]) -> Tracks:
         count = 0
         with self.session(queries.at(0), **options) as session:
             for frame in frames:

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tracks of both directions: what lies before a point's query is tracked by a session over the reversed video."""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ._frames import Frame
+from ._queries import Queries
+from .tracks import Tracks
+
+
+class Backward:
+    """The video from the last frame with a query down to the first one, as a video of its own."""
+
+    def __init__(self, frames: Any, queries: Queries) -> None:
+        """TypeError where frames cannot be indexed: they are read a second time, and nothing keeps them meanwhile."""
+        if not isinstance(frames, (Sequence, np.ndarray)):
+            raise TypeError(f"both=True reads frames a second time: it takes a sequence, such as list(frames), not "
+                            f"{type(frames).__name__}")
+        self._queried = queries.frames
+        self._frames = frames
+        self._last = queries.last
+        self.queries = queries.reversed()
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in range(self._last, -1, -1):
+            yield self._frames[frame]
+
+    def merge(self, after: Tracks, before: Tracks) -> Tracks:
+        """`before`, which is of this video, where it speaks of frames before a point's query; otherwise `after`."""
+        merged = Tracks(after.ids, after.xy.copy(), after.visible.copy(), after.confidence.copy(), after.final.copy())
+        rows = {int(point): row for row, point in enumerate(before.ids)}
+        for row, point in enumerate(after.ids):
+            queried = self._queried[int(point)]
+            if queried == 0:
+                continue
+            reversed_frames = self._last - np.arange(queried)
+            for name in ("xy", "visible", "confidence", "final"):
+                getattr(merged, name)[row, :queried] = getattr(before, name)[rows[int(point)], reversed_frames]
+        return merged

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The client for asyncio against real servers: the same arrays as the blocking one, and what only tasks can do."""
+import asyncio
+import os
+import signal
+import time
+import unittest
+
+import numpy as np
+
+import support
+from support import FRAMES, PICTURES, POINTS
+
+import holdfast_client
+from holdfast_client import aio
+
+
+async def camera(pictures=PICTURES):
+    for frame in pictures:
+        await asyncio.sleep(0)
+        yield frame
+
+
+async def soon(condition, seconds=60):
+    """Whether it comes true in time."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        await asyncio.sleep(0.02)
+    return True
+
+
+async def no_task_is_left():
+    """Whether all tasks of sessions come to their end."""
+    return await soon(lambda: not [task for task in asyncio.all_tasks()
+                                   if task.get_coro().__qualname__.startswith("Session.")], 5)
+
+
+class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        with holdfast_client.Client(cls.server.address) as client:
+            cls.blocking = client.track(PICTURES, POINTS, encoding="raw")
+
+    def client(self, *addresses, **options):
+        client = aio.Client(list(addresses) or self.server.address, **options)
+        self.addAsyncCleanup(client.close)
+        return client
+
+    async def idle(self):
+        """Whether the server comes to have no session."""
+        return await soon(lambda: self.server.metric("holdfast_sessions_active") == 0, 20)
+
+    async def test_a_video_becomes_the_arrays_of_the_blocking_client(self):
+        for frames in (PICTURES, camera()):
+            tracks = await self.client().track(frames, POINTS, encoding="raw")
+            self.assertEqual(tracks.xy.shape, (3, FRAMES, 2))
+            np.testing.assert_array_equal(tracks.xy, self.blocking.xy)
+            np.testing.assert_array_equal(tracks.visible, self.blocking.visible)
+            self.assertTrue(tracks.final.all())
+
+    async def test_updates_come_to_one_task_while_another_one_pushes(self):
+        async with self.client().session(POINTS, every_frame=True, encoding="raw") as session:
+            async def push():
+                for frame in PICTURES:
+                    await session.push(frame)
+                await session.add({77: (40, 40)})
+                await session.remove([0])
+                return await session.finish()
+            pushing = asyncio.create_task(push())
+            updates = [update async for update in session]
+            tracks = await pushing
+        self.assertLess(updates[0].frames_received, FRAMES)
+        self.assertEqual(updates[-1].frames_processed, FRAMES)
+        self.assertEqual(list(tracks.ids), [0, 1, 2, 77])
+        self.assertEqual(session.accepted.window_frames, 24)
+
+    async def test_many_sessions_share_a_client(self):
+        client = self.client()
+        results = await asyncio.gather(*(client.track(camera(), POINTS, encoding="raw") for _ in range(3)))
+        for tracks in results:
+            self.assert_same(tracks, self.blocking)
+
+    async def test_a_killed_server_changes_nothing(self):
+        first, second = self.start_server(), self.start_server()
+        self.addCleanup(first.stop)
+        self.addCleanup(second.stop)
+        async with self.client(first.address, second.address).session(POINTS, encoding="raw") as session:
+            resumed, lost = [], []
+            session.on_resumed, session.on_reconnecting = resumed.append, lost.append
+            for i, frame in enumerate(PICTURES):
+                await session.push(frame)
+                if i == 36:
+                    first.kill()
+            tracks = await session.finish()
+        self.assertEqual(resumed, [second.address])
+        self.assertIsInstance(lost[0], holdfast_client.Unavailable)
+        self.assert_same(tracks, self.blocking)
+
+    async def test_without_reconnect_a_lost_server_ends_the_session_and_keeps_what_came(self):
+        server = self.start_server()
+        self.addCleanup(server.stop)
+        session = self.client(server.address, reconnect=None).session(POINTS, encoding="raw")
+        with self.assertRaises(holdfast_client.Unavailable):
+            for frame in PICTURES * 100:
+                await session.push(frame)
+                if session.updates():
+                    server.kill()
+        self.assertGreater(session.tracks().frames, 0)
+        with self.assertRaises(holdfast_client.Unavailable):
+            async for _ in session:
+                pass
+
+    async def test_a_cancelled_task_cancels_its_call(self):
+        client, begun = self.client(), asyncio.Event()
+
+        async def endless():
+            while True:
+                for frame in PICTURES:
+                    yield frame
+                begun.set()
+        task = asyncio.create_task(client.track(endless(), POINTS, encoding="raw"))
+        await asyncio.wait_for(begun.wait(), 60)
+        self.assertEqual(self.server.metric("holdfast_sessions_active"), 1)
+        cancelled = 'holdfast_sessions_total{outcome="cancelled"}'
+        before = self.server.metric(cancelled)
+        task.cancel()
+        with self.assertRaises(asyncio.CancelledError):
+            await task
+        self.assertTrue(await self.idle())
+        self.assertEqual(self.server.metric(cancelled), before + 1)
+        self.assert_same(await client.track(PICTURES, POINTS, encoding="raw"), self.blocking)
+
+    async def test_a_task_that_is_cancelled_while_it_finishes_cancels_its_call(self):
+        async def follow():
+            async with self.client().session(POINTS, encoding="raw") as session:
+                for frame in PICTURES:
+                    await session.push(frame)
+                finishing.set()
+        finishing = asyncio.Event()
+        task = asyncio.create_task(follow())
+        await asyncio.wait_for(finishing.wait(), 60)
+        os.kill(self.server.process.pid, signal.SIGSTOP)  # it cannot finish before it is cancelled
+        await asyncio.sleep(0.1)
+        task.cancel()
+        with self.assertRaises(asyncio.CancelledError):
+            await asyncio.wait_for(task, 20)
+        self.assertTrue(await no_task_is_left())
+        os.kill(self.server.process.pid, signal.SIGCONT)
+        self.assertTrue(await self.idle())
+
+    async def test_sessions_leave_no_task_behind(self):
+        await self.client().track(PICTURES, POINTS, encoding="raw")
+        session = self.client().session(POINTS, encoding="raw")
+        await session.push(PICTURES[0])
+        await session.cancel()
+        with self.assertRaisesRegex(ValueError, "has ended"):
+            await session.push(PICTURES[1])
+        self.assertTrue(await no_task_is_left())
+
+    async def test_a_server_that_stands_still_slows_its_client(self):
+        server = self.start_server()
+        self.addCleanup(server.stop)
+        session = self.client(server.address).session(POINTS, encoding="raw")
+        await session.push(PICTURES[0])
+        self.assertTrue(await soon(lambda: session.accepted is not None))
+        os.kill(server.process.pid, signal.SIGSTOP)
+
+        async def push():
+            while True:
+                await session.push(PICTURES[0])
+        pushing = asyncio.create_task(push())
+        await asyncio.sleep(3)
+        sent = session._frames
+        self.assertLess(sent, 2000)  # of 12 kB: what gRPC's windows take
+        await asyncio.sleep(1)
+        self.assertEqual(session._frames, sent)
+        pushing.cancel()
+        with self.assertRaises(asyncio.CancelledError):
+            await pushing
+        await session.cancel()
+        os.kill(server.process.pid, signal.SIGCONT)
+
+    async def test_errors_say_what_was_wrong(self):
+        with self.assertRaises(holdfast_client.InvalidRequest) as caught:
+            await self.client().track(PICTURES, {1: (1000, 1000)}, encoding="raw")
+        self.assertIn("points", caught.exception.violations[0].field)
+        with self.assertRaises(holdfast_client.Unavailable):
+            await self.client("127.0.0.1:1", timeout=5).info()
+        self.assertEqual((await self.client("127.0.0.1:1", self.server.address, timeout=5).info()).window_frames, 24)
+
+        async def failing():
+            yield PICTURES[0]
+            raise KeyError("mine")
+        with self.assertRaisesRegex(KeyError, "mine"):
+            await self.client().track(failing(), POINTS, encoding="raw")
+
+    async def test_a_server_that_does_not_answer_is_late(self):
+        client = self.client(timeout=1)
+        await client.info()  # there is a connection
+        os.kill(self.server.process.pid, signal.SIGSTOP)
+        with self.assertRaisesRegex(holdfast_client.Unavailable, "no answer within 1 s"):
+            await client.track(PICTURES, POINTS, encoding="raw")
+        os.kill(self.server.process.pid, signal.SIGCONT)
+        self.assertTrue(await self.idle())
+
+
+class NoLoopTest(unittest.TestCase):
+    def test_a_client_belongs_to_a_loop(self):
+        with self.assertRaisesRegex(RuntimeError, "no running event loop"):
+            aio.Client("localhost:1")
+
+
+if __name__ == "__main__":
+    support.main()
