@@ -7,11 +7,12 @@
         tracks = client.track(frames, points)  # uint8 [H, W, 3] or JPEG bytes; [N, 2]
     tracks.xy  # float32 [N, T, 2]
 """
+from ._picture import Picture
 from ._session import Run, Update
 from .client import Client, Reconnect, Tls
 from .errors import (HoldfastError, InvalidRequest, NotAllowed, NotResumable, Overloaded, Unavailable, Violation)
 from .session import Session
 from .tracks import Tracks
 
-__all__ = ["Client", "HoldfastError", "InvalidRequest", "NotAllowed", "NotResumable", "Overloaded", "Reconnect", "Run",
-           "Session", "Tls", "Tracks", "Unavailable", "Update", "Violation"]
+__all__ = ["Client", "HoldfastError", "InvalidRequest", "NotAllowed", "NotResumable", "Overloaded", "Picture",
+           "Reconnect", "Run", "Session", "Tls", "Tracks", "Unavailable", "Update", "Violation"]

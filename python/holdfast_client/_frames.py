@@ -37,7 +37,7 @@ def _encode_jpeg(picture: np.ndarray) -> bytes | None:
     return None
 
 
-def _check_picture(picture: np.ndarray) -> np.ndarray:
+def check_picture(picture: np.ndarray) -> np.ndarray:
     shape = picture.shape
     if picture.dtype != np.uint8 or not (len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)):
         raise ValueError(f"a frame is {picture.dtype} {list(shape)}, expected uint8 [H, W, 3] in RGB or uint8 [H, W]")
@@ -56,7 +56,7 @@ class FrameCodec:
                 raise ValueError("a frame's bytes are neither JPEG nor PNG")
             self.encoding = pb.FRAME_ENCODING_JPEG if first.startswith(_JPEG) else pb.FRAME_ENCODING_PNG
             return
-        picture = _check_picture(first)
+        picture = check_picture(first)
         if encoding != "raw" and _encode_jpeg(picture[:1, :1]) is not None:
             self.encoding = pb.FRAME_ENCODING_JPEG
             return
@@ -68,7 +68,7 @@ class FrameCodec:
     def data(self, frame: Frame) -> bytes:
         if isinstance(frame, bytes):
             return frame
-        picture = _check_picture(frame)
+        picture = check_picture(frame)
         if self.raw_size is None:
             encoded = _encode_jpeg(picture)
             assert encoded is not None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ._proto import point_tracking_pb2 as pb
-from .tracks import TrackTable
+from ._table import TrackTable
 
 _OVERHEAD = 256  # bytes of a message's objects: many small ones are bounded too
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import csv
-import os
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+
+from ._export import Path, write_cvat_xml, write_dlc_csv
+from ._frames import Frame
+from ._picture import Picture, draw
 
 
 @dataclass
@@ -42,12 +46,12 @@ class Tracks:
             raise KeyError(f"there is no point {point}")
         return self.xy[rows[0]]
 
-    def to_npz(self, path: str | os.PathLike[str]) -> None:
+    def to_npz(self, path: Path) -> None:
         """Writes all of it, under the names above, for numpy.load."""
         np.savez_compressed(path, ids=self.ids, xy=self.xy, visible=self.visible, confidence=self.confidence,
                             final=self.final)
 
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
+    def to_csv(self, path: Path) -> None:
         """Writes a line for each known sample: id,frame,x,y,visible,confidence,final."""
         with open(path, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -57,57 +61,28 @@ class Tracks:
                 writer.writerow([self.ids[row], frame, f"{x:.3f}", f"{y:.3f}", int(self.visible[row, frame]),
                                  f"{self.confidence[row, frame]:.4f}", int(self.final[row, frame])])
 
+    def to_dlc_csv(self, path: Path, scorer: str = "holdfast", names: Mapping[int, str] | None = None) -> None:
+        """Writes DeepLabCut's CSV of one animal, which napari, movement, SLEAP's tools and pandas read: rows scorer,
+        bodyparts and coords above, then a row a frame. `names`: of points by id, otherwise point<id>. Likelihood is
+        confidence; x and y are empty where nothing is known. (0, 0) stays the centre of the first pixel."""
+        write_dlc_csv(self, path, scorer, names or {})
 
-@dataclass
-class _Row:
-    """One point, grown as frames come."""
+    def to_cvat_xml(self, path: Path, size: tuple[int, int] | None = None,
+                    names: Mapping[int, str] | None = None) -> None:
+        """Writes annotations of the format CVAT for video 1.1. `names`: the label of points by id, otherwise "point";
+        the task has to have these labels. Every frame is a keyframe; hidden points are occluded; a point is outside
+        after it was removed, and beyond `size` (width, height of the video) if that is given. (0, 0) stays the centre
+        of the first pixel."""
+        write_cvat_xml(self, path, names or {}, size)
 
-    xy: np.ndarray = field(default_factory=lambda: np.full((0, 2), np.nan, np.float32))
-    visible: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
-    confidence: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
-    final: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    def show(self, frame: Frame | None = None, at: int = -1, trail: int = 30) -> Picture:
+        """A picture for notebooks: positions at frame number `at` (negative: from the end), with trails of so many
+        frames behind them, over `frame`. Visible points are filled, hidden ones hollow."""
+        if not -self.frames <= at < self.frames:
+            raise IndexError(f"at is {at}, but there are {self.frames} frames")
+        return draw(self, frame, at % self.frames, trail)
 
-    def grow(self, frames: int) -> None:
-        missing = frames - len(self.xy)
-        if missing <= 0:
-            return
-        missing = max(missing, len(self.xy))  # by doubling: long videos are not copied at every frame
-        self.xy = np.concatenate([self.xy, np.full((missing, 2), np.nan, np.float32)])
-        self.visible = np.concatenate([self.visible, np.zeros(missing, bool)])
-        self.confidence = np.concatenate([self.confidence, np.zeros(missing, np.float32)])
-        self.final = np.concatenate([self.final, np.zeros(missing, bool)])
-
-
-class TrackTable:
-    """Collects updates; the newest estimate of a sample stands. Not thread-safe."""
-
-    def __init__(self) -> None:
-        self._rows: dict[int, _Row] = {}
-        self._frames = 0
-
-    def add(self, run) -> None:
-        """Takes a PointRun of the protocol."""
-        first, count = run.first_frame, len(run.x)
-        row = self._rows.setdefault(run.id, _Row())
-        row.grow(first + count)
-        span = slice(first, first + count)
-        row.xy[span, 0] = run.x
-        row.xy[span, 1] = run.y
-        row.visible[span] = run.visible
-        row.confidence[span] = run.confidence
-        row.final[first:first + run.final_count] = True
-        self._frames = max(self._frames, first + count)
-
-    def tracks(self, frames: int = 0) -> Tracks:
-        """All of it, over at least so many frames."""
-        frames, ids = max(frames, self._frames), sorted(self._rows)
-        for row in self._rows.values():
-            row.grow(frames)
-        rows = [self._rows[point] for point in ids]
-
-        def stack(name: str, empty: np.ndarray) -> np.ndarray:
-            return np.stack([getattr(row, name)[:frames] for row in rows]) if rows else empty
-        return Tracks(np.array(ids, np.uint64), stack("xy", np.zeros((0, frames, 2), np.float32)),
-                      stack("visible", np.zeros((0, frames), bool)),
-                      stack("confidence", np.zeros((0, frames), np.float32)),
-                      stack("final", np.zeros((0, frames), bool)))
+    def _repr_html_(self) -> str:
+        """What a notebook shows of a cell that ends in tracks."""
+        trails = self.show(trail=self.frames).svg if self.frames else ""
+        return f"<p>{len(self)} points, {self.frames} frames</p>{trails}"

@@ -128,15 +128,6 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         self.assertGreater(difference.max(), 0)  # they were
         self.assertLess(np.median(difference), 0.3)
 
-    def test_tracks_are_written(self):
-        tracks = self.uninterrupted()
-        tracks.to_npz(self.directory / "t.npz")
-        np.testing.assert_array_equal(np.load(self.directory / "t.npz")["xy"], tracks.xy)
-        tracks.to_csv(self.directory / "t.csv")
-        lines = (self.directory / "t.csv").read_text(encoding="utf-8").splitlines()
-        self.assertEqual(lines[0], "id,frame,x,y,visible,confidence,final")
-        self.assertEqual(len(lines), 1 + 3 * FRAMES)
-
 
 if __name__ == "__main__":
     support.main()

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What has come of a session's points so far."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ._proto import point_tracking_pb2 as pb
+from .tracks import Tracks
+
+
+@dataclass
+class _Row:
+    """One point, grown as frames come."""
+
+    xy: np.ndarray = field(default_factory=lambda: np.full((0, 2), np.nan, np.float32))
+    visible: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    confidence: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
+    final: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    def grow(self, frames: int) -> None:
+        missing = frames - len(self.xy)
+        if missing <= 0:
+            return
+        missing = max(missing, len(self.xy))  # by doubling: long videos are not copied at every frame
+        self.xy = np.concatenate([self.xy, np.full((missing, 2), np.nan, np.float32)])
+        self.visible = np.concatenate([self.visible, np.zeros(missing, bool)])
+        self.confidence = np.concatenate([self.confidence, np.zeros(missing, np.float32)])
+        self.final = np.concatenate([self.final, np.zeros(missing, bool)])
+
+
+class TrackTable:
+    """Collects updates; the newest estimate of a sample stands. Not thread-safe."""
+
+    def __init__(self) -> None:
+        self._rows: dict[int, _Row] = {}
+        self._frames = 0
+
+    def add(self, run: pb.PointRun) -> None:
+        first, count = run.first_frame, len(run.x)
+        row = self._rows.setdefault(run.id, _Row())
+        row.grow(first + count)
+        span = slice(first, first + count)
+        row.xy[span, 0] = run.x
+        row.xy[span, 1] = run.y
+        row.visible[span] = run.visible
+        row.confidence[span] = run.confidence
+        row.final[first:first + run.final_count] = True
+        self._frames = max(self._frames, first + count)
+
+    def tracks(self, frames: int = 0) -> Tracks:
+        """All of it, over at least so many frames."""
+        frames, ids = max(frames, self._frames), sorted(self._rows)
+        for row in self._rows.values():
+            row.grow(frames)
+        rows = [self._rows[point] for point in ids]
+
+        def stack(name: str, empty: np.ndarray) -> np.ndarray:
+            return np.stack([getattr(row, name)[:frames] for row in rows]) if rows else empty
+        return Tracks(np.array(ids, np.uint64), stack("xy", np.zeros((0, frames, 2), np.float32)),
+                      stack("visible", np.zeros((0, frames), bool)),
+                      stack("confidence", np.zeros((0, frames), np.float32)),
+                      stack("final", np.zeros((0, frames), bool)))

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What becomes of tracks: both directions, files that others read, pictures."""
+import asyncio
+import base64
+import csv
+import io
+import pathlib
+import tempfile
+import unittest
+import xml.etree.ElementTree as xml
+
+import numpy as np
+from PIL import Image
+
+import support
+from support import FRAMES, PICTURES
+
+import holdfast_client
+from holdfast_client import aio
+
+QUERIES = np.array([[24, 64, 50], [10, 50.5, 30.25], [0, 40, 60]], np.float32)
+
+
+class BothDirectionsTest(support.ServedTest, unittest.TestCase):
+    """Of points that are queried in the middle of a video."""
+
+    def setUp(self):
+        client = holdfast_client.Client(self.server.address)
+        self.addCleanup(client.close)
+        self.track = lambda frames, points, **options: client.track(frames, points, encoding="raw", **options)
+
+    def test_the_past_is_tracked_and_the_future_stays_what_it_was(self):
+        forward, tracks = self.track(PICTURES, QUERIES), self.track(PICTURES, QUERIES, both=True)
+        self.assertEqual(tracks.xy.shape, (3, FRAMES, 2))
+        self.assertFalse(np.isnan(tracks.xy).any())
+        self.assertTrue(tracks.final.all())
+        for row, (queried, x, y) in enumerate(QUERIES):
+            queried = int(queried)
+            self.assertTrue(np.isnan(forward.xy[row, :queried]).all())
+            for name in ("xy", "visible", "confidence", "final"):
+                np.testing.assert_array_equal(getattr(tracks, name)[row, queried:],
+                                              getattr(forward, name)[row, queried:])
+            truth = np.stack([x + np.arange(queried) - queried, np.full(queried, y)], axis=1)
+            np.testing.assert_allclose(tracks.xy[row, :queried], truth, atol=1.5)
+
+    def test_asyncio_does_the_same(self):
+        async def track():
+            async with aio.Client(self.server.address) as client:
+                return await client.track(PICTURES, QUERIES, both=True, encoding="raw")
+        np.testing.assert_array_equal(asyncio.run(track()).xy, self.track(PICTURES, QUERIES, both=True).xy)
+
+    def test_frames_that_can_be_read_only_once_are_refused_at_once(self):
+        frames = iter(PICTURES)
+        with self.assertRaisesRegex(TypeError, r"both=True .* list\(frames\), not list_iterator"):
+            self.track(frames, QUERIES, both=True)
+        self.assertIs(next(frames), PICTURES[0])
+
+    def test_points_of_the_first_frame_need_no_second_session(self):
+        completed = 'holdfast_sessions_total{outcome="completed"}'
+        before = self.server.metric(completed)
+        self.track(PICTURES, support.POINTS, both=True)
+        self.assertEqual(self.server.metric(completed), before + 1)
+
+
+def made_up():
+    """Two points over five frames: 7 comes on frame 1 and hides on 2; 9 goes after 2, beyond the right edge."""
+    xy = np.full((2, 5, 2), np.nan, np.float32)
+    xy[0, 1:] = [[1.25, 2], [2, 2.5], [3, 3], [4, 3.5]]
+    xy[1, :3] = [[60, 40], [63.4, 41], [66, 42]]
+    visible = ~np.isnan(xy[:, :, 0])
+    visible[0, 2] = False
+    confidence = np.where(np.isnan(xy[:, :, 0]), 0, 0.75).astype(np.float32)
+    return holdfast_client.Tracks(np.array([7, 9], np.uint64), xy, visible, confidence, visible.copy())
+
+
+class FilesTest(unittest.TestCase):
+    def setUp(self):
+        self.tracks = made_up()
+        directory = tempfile.TemporaryDirectory()
+        self.addCleanup(directory.cleanup)
+        self.path = pathlib.Path(directory.name) / "file"
+
+    def test_arrays_come_back_from_npz(self):
+        self.tracks.to_npz(self.path.with_suffix(".npz"))
+        read = np.load(self.path.with_suffix(".npz"))
+        for name in ("ids", "xy", "visible", "confidence", "final"):
+            np.testing.assert_array_equal(read[name], getattr(self.tracks, name))
+
+    def test_csv_has_a_line_for_each_known_sample(self):
+        self.tracks.to_csv(self.path)
+        lines = self.path.read_text(encoding="utf-8").splitlines()
+        self.assertEqual(lines[:2], ["id,frame,x,y,visible,confidence,final", "7,1,1.250,2.000,1,0.7500,1"])
+        self.assertEqual(len(lines), 1 + 4 + 3)
+
+    def test_deeplabcut_csv_comes_back(self):
+        self.tracks.to_dlc_csv(self.path, scorer="me", names={9: "tail, tip"})
+        with open(self.path, newline="", encoding="utf-8") as file:
+            scorer, bodyparts, coords, *rows = csv.reader(file)
+        self.assertEqual(scorer, ["scorer"] + ["me"] * 6)
+        self.assertEqual(bodyparts, ["bodyparts"] + ["point7"] * 3 + ["tail, tip"] * 3)
+        self.assertEqual(coords, ["coords"] + ["x", "y", "likelihood"] * 2)
+        self.assertEqual([int(row[0]) for row in rows], [0, 1, 2, 3, 4])
+        values = np.array([[float(cell or "nan") for cell in row[1:]] for row in rows]).reshape(5, 2, 3)
+        np.testing.assert_allclose(values[:, :, :2].transpose(1, 0, 2), self.tracks.xy, atol=5e-4)
+        np.testing.assert_allclose(values[:, :, 2].T, self.tracks.confidence, atol=5e-5)
+        with self.assertRaisesRegex(ValueError, "no name twice"):
+            self.tracks.to_dlc_csv(self.path, names={7: "a", 9: "a"})
+
+    def cvat(self, **options):
+        """Of each track: label, and its shapes as (frame, x, y, outside, occluded)."""
+        self.tracks.to_cvat_xml(self.path, **options)
+        root = xml.parse(self.path).getroot()
+        self.assertEqual((root.tag, root.findtext("version")), ("annotations", "1.1"))
+        shapes = root.findall("track/points")
+        self.assertEqual({shape.get("keyframe") for shape in shapes}, {"1"})
+        return root, [(track.get("label"),
+                       [(int(shape.get("frame")), *map(float, shape.get("points").split(",")),
+                         int(shape.get("outside")), int(shape.get("occluded"))) for shape in track])
+                      for track in root.findall("track")]
+
+    def test_cvat_annotations_come_back(self):
+        root, tracks = self.cvat(names={7: "nose"}, size=(64, 48))
+        self.assertEqual([label for label, _ in tracks], ["nose", "point"])
+        self.assertEqual([name.text for name in root.findall("meta/task/labels/label/name")], ["nose", "point"])
+        self.assertEqual(root.findtext("meta/task/original_size/width"), "64")
+        self.assertEqual((root.findtext("meta/task/size"), root.findtext("meta/task/stop_frame")), ("5", "4"))
+        self.assertEqual(tracks[0][1], [(1, 1.25, 2, 0, 0), (2, 2, 2.5, 0, 1), (3, 3, 3, 0, 0), (4, 4, 3.5, 0, 0)])
+        self.assertEqual(tracks[1][1], [(0, 60, 40, 0, 0), (1, 63.4, 41, 0, 0), (2, 66, 42, 1, 0), (3, 66, 42, 1, 0)])
+
+    def test_without_a_size_no_position_is_beyond_it(self):
+        _, tracks = self.cvat()
+        self.assertEqual([shape[3] for shape in tracks[1][1]], [0, 0, 0, 1])
+
+
+class PictureTest(unittest.TestCase):
+    def setUp(self):
+        self.tracks = made_up()
+
+    def parse(self, picture):
+        return xml.fromstring(picture.svg)
+
+    def shapes(self, picture, name):
+        return self.parse(picture).findall(f"{{http://www.w3.org/2000/svg}}{name}")
+
+    def test_a_picture_has_trails_and_positions(self):
+        picture = self.tracks.show(at=2)
+        self.assertEqual([line.get("points") for line in self.shapes(picture, "polyline")],
+                         ["1.75,2.50 2.50,3.00", "60.50,40.50 63.90,41.50 66.50,42.50"])
+        hidden, visible = self.shapes(picture, "circle")
+        self.assertEqual((hidden.get("cx"), hidden.get("fill")), ("2.50", "none"))
+        self.assertEqual(visible.get("fill"), visible.get("stroke"))
+        self.assertNotEqual(visible.get("stroke"), hidden.get("stroke"))
+        self.assertEqual(len(self.shapes(self.tracks.show(), "circle")), 1)  # 9 is gone
+        self.assertEqual([line.get("points") for line in self.shapes(self.tracks.show(at=3, trail=0), "polyline")],
+                         ["3.50,3.50"])
+        with self.assertRaises(IndexError):
+            self.tracks.show(at=5)
+
+    def test_a_frame_lies_under_them(self):
+        file = io.BytesIO()
+        Image.fromarray(PICTURES[3]).save(file, "JPEG", quality=95)
+        colour = np.stack([PICTURES[3], PICTURES[4], PICTURES[5]], axis=2)
+        for frame, tolerance in ((PICTURES[3], 0), (colour, 0), (file.getvalue(), 8)):
+            (image,) = self.shapes(self.tracks.show(frame), "image")
+            self.assertEqual((image.get("width"), image.get("height")), ("128", "96"))
+            shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(image.get("href").split(",")[1]))))
+            expected = PICTURES[3] if isinstance(frame, bytes) else frame
+            self.assertEqual(shown.shape, expected.shape)
+            self.assertLessEqual(np.abs(shown.astype(int) - expected).max(), tolerance)
+        with self.assertRaisesRegex(ValueError, "neither JPEG nor PNG"):
+            self.tracks.show(b"GIF89a")
+
+    def test_a_notebook_shows_tracks_by_themselves(self):
+        html = self.tracks._repr_html_()
+        self.assertIn("2 points, 5 frames", html)
+        self.assertIn("<polyline", html)
+        none = self.tracks
+        none.ids, none.xy, none.visible = none.ids[:0], none.xy[:0, :0], none.visible[:0, :0]
+        self.assertEqual(none._repr_html_(), "<p>0 points, 0 frames</p>")
+
+
+if __name__ == "__main__":
+    support.main()
