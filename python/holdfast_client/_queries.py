@@ -17,7 +17,8 @@ class Queries:
     def __init__(self, points: Queried) -> None:
         self.frames: dict[int, int] = {}  # by id
         self._by_frame: dict[int, dict[int, tuple[float, float]]] = {}
-        for point, query in points.items() if isinstance(points, Mapping) else enumerate(points):
+        by_id = points if isinstance(points, Mapping) else dict(enumerate(points))
+        for point, query in by_id.items():
             if len(query) not in (2, 3):
                 raise ValueError(f"a point is {list(query)}, expected x, y or frame, x, y")
             frame, x, y = query if len(query) == 3 else (0, *query)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import grpc
 from google.rpc import error_details_pb2, status_pb2
@@ -88,7 +89,7 @@ def to_error(call: grpc.Call, server: str) -> HoldfastError:
     return error
 
 
-def _add_detail(error: HoldfastError, packed) -> None:
+def _add_detail(error: HoldfastError, packed: Any) -> None:
     bad, quota, retry = error_details_pb2.BadRequest(), error_details_pb2.QuotaFailure(), error_details_pb2.RetryInfo()
     if isinstance(error, InvalidRequest) and packed.Unpack(bad):
         error.violations = tuple(Violation(v.field, v.description) for v in bad.field_violations)
