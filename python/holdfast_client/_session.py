@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import warnings
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime, timezone
 
 import numpy as np
 
@@ -34,6 +36,7 @@ class Update:
     runs: tuple[Run, ...]
     frames_received: int
     frames_processed: int
+    capture_times: Mapping[int, datetime]  # by frame, in UTC: of those that the runs speak of and push() gave one
 
 
 def _cut(run: pb.PointRun, known: int) -> None:
@@ -145,7 +148,8 @@ class SessionState:
             runs.append(Run(run.id, run.first_frame, np.stack([run.x, run.y], axis=1).astype(np.float32),
                             np.array(run.visible, bool), np.array(run.confidence, np.float32), run.final_count))
         self._processed = max(self._processed, tracks.frames_processed)
-        return Update(tuple(runs), tracks.frames_received, self._processed)
+        times = {time.frame: time.capture_time.ToDatetime(timezone.utc) for time in tracks.capture_times}
+        return Update(tuple(runs), tracks.frames_received, self._processed, times)
 
     def _take_checkpoint(self, checkpoint: pb.Checkpoint) -> None:
         if not self.keeps:

@@ -5,6 +5,7 @@ import os
 import signal
 import threading
 import unittest
+from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
@@ -50,6 +51,16 @@ class ClientTest(support.ServedTest, unittest.TestCase):
             self.assertTrue(updates)
             self.assertLess(updates[0].frames_received, FRAMES)
         self.assertIn(77, session.tracks().ids)
+
+    def test_the_time_of_a_picture_comes_back_with_its_results(self):
+        at = {i: datetime(2024, 5, 6, 7, 8, i, tzinfo=timezone(timedelta(hours=2))) for i in range(4)}
+        updates = []
+        with self.client().session(POINTS, every_frame=True, encoding="raw") as session:
+            for i, frame in enumerate(PICTURES[:8]):
+                updates += session.push(frame, capture_time=at.get(i))
+            session.finish()
+            updates += session.updates()
+        self.assertEqual({frame: time for update in updates for frame, time in update.capture_times.items()}, at)
 
     def test_a_killed_server_changes_nothing(self):
         first, second = self.start_server(), self.start_server()
