@@ -114,11 +114,15 @@ class BaseClient(Generic[SessionType]):
 
     def __init__(self, address: Union[str, Sequence[str]] = "localhost:50051", *, tls: Union[bool, Tls] = False,
                  token: str | None = None, reconnect: Reconnect | None = Reconnect(), timeout: float = 30.0) -> None:
+        self._prepare()
         self.addresses = addresses_of(address)
         self.reconnect = reconnect
         self.timeout = timeout
         self._metadata = (("authorization", f"Bearer {token}"),) if token else ()
         self._channels = [open_channel(self._grpc, one, tls) for one in self.addresses]
+
+    def _prepare(self) -> None:
+        """Before there are channels."""
 
     def session(self, points: Points = (), *, size: tuple[int, int] | None = None, hop: int = 0, iterations: int = 0,
                 every_frame: bool = False, final_only: bool = False, encoding: str = "auto", label: str = "",

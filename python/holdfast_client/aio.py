@@ -57,7 +57,7 @@ class Session(BaseSession):
         the session. Unlike the blocking client's it returns no updates: they are for the task that iterates."""
         if self._codec is None:
             self._settle(frame)
-        message = self._frame_message(frame, points, capture_time)
+        message = await asyncio.to_thread(self._frame_message, frame, points, capture_time)  # encoding takes its time
         if self._runner is None:
             self._runner = asyncio.create_task(self._run())
         await self._send(message)
@@ -220,9 +220,8 @@ class Client(BaseClient[Session]):
     _grpc = grpc.aio
     _session_type = Session
 
-    def __init__(self, *args: Any, **options: Any) -> None:
+    def _prepare(self) -> None:
         asyncio.get_running_loop()  # says that there is none, where gRPC would take another one
-        super().__init__(*args, **options)
 
     async def __aenter__(self) -> Client:
         return self

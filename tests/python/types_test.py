@@ -30,6 +30,7 @@ BAD = {  # a line that is wrong, and what mypy has to say
     "Client().session(sise=(1, 2))": 'Unexpected keyword argument "sise"',
     "number: int = Client().track([], [])": 'expression has type "Tracks"',
     "Client().session().push('text')": 'Argument 1 to "push"',
+    "aio.Client(42)": 'Argument 1 to "Client"',
     "aio.Client().track([], []).xy": '"Coroutine[Any, Any, Tracks]" has no attribute "xy"',
 }
 
