@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The client for asyncio against real servers: the same arrays as the blocking one, and what only tasks can do."""
 import asyncio
-import os
-import signal
 import threading
 import time
 import unittest
@@ -145,13 +143,12 @@ class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
         finishing = asyncio.Event()
         task = asyncio.create_task(follow())
         await asyncio.wait_for(finishing.wait(), 60)
-        os.kill(self.server.process.pid, signal.SIGSTOP)  # it cannot finish before it is cancelled
-        await asyncio.sleep(0.1)
-        task.cancel()
-        with self.assertRaises(asyncio.CancelledError):
-            await asyncio.wait_for(task, 60)
-        self.assertTrue(await no_task_is_left())
-        os.kill(self.server.process.pid, signal.SIGCONT)
+        with support.frozen(self.server):  # it cannot finish before it is cancelled
+            await asyncio.sleep(0.1)
+            task.cancel()
+            with self.assertRaises(asyncio.CancelledError):
+                await asyncio.wait_for(task, 60)
+            self.assertTrue(await no_task_is_left())
         self.assertTrue(await self.idle())
 
     async def test_sessions_leave_no_task_behind(self):
@@ -169,22 +166,20 @@ class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
         session = self.client(server.address).session(POINTS, encoding="raw")
         await session.push(PICTURES[0])
         self.assertTrue(await soon(lambda: session.accepted is not None))
-        os.kill(server.process.pid, signal.SIGSTOP)
 
         async def push():
             while True:
                 await session.push(PICTURES[0])
-        pushing = asyncio.create_task(push())
-        sent = -1
-        while sent < session._frames < 20000:
-            sent = session._frames
-            await asyncio.sleep(1)
-        self.assertLess(session._frames, 2000)  # of 12 kB: what gRPC's windows take
-        pushing.cancel()
-        with self.assertRaises(asyncio.CancelledError):
-            await pushing
-        await session.cancel()
-        os.kill(server.process.pid, signal.SIGCONT)
+        with support.frozen(server):
+            pushing, sent = asyncio.create_task(push()), -1
+            while sent < session._frames < 20000:
+                sent = session._frames
+                await asyncio.sleep(1)
+            self.assertLess(session._frames, 2000)  # of 12 kB: what gRPC's windows take
+            pushing.cancel()
+            with self.assertRaises(asyncio.CancelledError):
+                await pushing
+            await session.cancel()
 
     async def test_frames_are_encoded_beside_the_loop(self):
         threads, data = set(), FrameCodec.data
@@ -214,10 +209,9 @@ class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
     async def test_a_server_that_does_not_answer_is_late(self):
         client = self.client(timeout=3)
         await client.info()  # there is a connection
-        os.kill(self.server.process.pid, signal.SIGSTOP)
-        with self.assertRaisesRegex(holdfast_client.Unavailable, "no answer within 3 s"):
-            await client.track(PICTURES, POINTS, encoding="raw")
-        os.kill(self.server.process.pid, signal.SIGCONT)
+        with support.frozen(self.server):
+            with self.assertRaisesRegex(holdfast_client.Unavailable, "no answer within 3 s"):
+                await client.track(PICTURES, POINTS, encoding="raw")
         self.assertTrue(await self.idle())
 
 

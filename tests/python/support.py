@@ -4,7 +4,10 @@
 Usage of each test: x_test.py HOLDFAST_SERVER PROTOC
 """
 import atexit
+import contextlib
+import os
 import pathlib
+import signal
 import subprocess
 import sys
 import tempfile
@@ -37,6 +40,16 @@ def picture(index):
 
 
 PICTURES = [picture(i) for i in range(FRAMES)]
+
+
+@contextlib.contextmanager
+def frozen(server):
+    """The server stands still meanwhile."""
+    os.kill(server.process.pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(server.process.pid, signal.SIGCONT)
 
 
 class ServedTest:
