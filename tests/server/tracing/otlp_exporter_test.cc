@@ -5,8 +5,10 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/escaping.h"
@@ -31,10 +33,11 @@ using ::testing::SizeIs;
 constexpr char kTrace[] = "4bf92f3577b34da6a3ce929d0e0e4736";
 constexpr char kParent[] = "00f067aa0ba902b7";
 
-// Keeps the spans that it gets.
+// Keeps the spans that it gets. 'on_export' is called first; so many spans of every batch are 'rejected'.
 class Collector final : public otlp::TraceService::Service {
  public:
-  Collector() {
+  explicit Collector(std::function<void()> on_export = nullptr, int64_t rejected = 0)
+      : on_export_(std::move(on_export)), rejected_(rejected) {
     grpc::ServerBuilder builder;
     builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port_);
     builder.RegisterService(this);
@@ -44,7 +47,7 @@ class Collector final : public otlp::TraceService::Service {
 
   grpc::Status Export(grpc::ServerContext*, const otlp::ExportTraceServiceRequest* request,
                       otlp::ExportTraceServiceResponse* response) override {
-    if (on_export) on_export();
+    if (on_export_) on_export_();
     absl::MutexLock lock(&mutex_);
     for (const auto& resource : request->resource_spans()) {
       for (const auto& attribute : resource.resource().attributes()) {
@@ -52,7 +55,7 @@ class Collector final : public otlp::TraceService::Service {
       }
       for (const auto& span : resource.scope_spans(0).spans()) spans_.push_back(span);
     }
-    response->mutable_partial_success()->set_rejected_spans(rejected);
+    response->mutable_partial_success()->set_rejected_spans(rejected_);
     return grpc::Status::OK;
   }
 
@@ -64,11 +67,10 @@ class Collector final : public otlp::TraceService::Service {
     absl::MutexLock lock(&mutex_);
     return resource_;
   }
-  // Before the first span.
-  std::function<void()> on_export;
-  int64_t rejected = 0;  // said of every batch
 
  private:
+  const std::function<void()> on_export_;
+  const int64_t rejected_;
   int port_ = 0;
   mutable absl::Mutex mutex_;
   std::vector<otlp::Span> spans_;
@@ -164,12 +166,11 @@ class QueueTest : public ::testing::Test {
 };
 
 TEST_F(QueueTest, WhatACollectorHasNoTimeForIsDroppedAndCounted) {
-  Collector collector;
   absl::Notification asked, go_on;
-  collector.on_export = [&] {
+  Collector collector([&] {
     if (!asked.HasBeenNotified()) asked.Notify();
     go_on.WaitForNotification();
-  };
+  });
   options_.period = absl::InfiniteDuration();
   options_.max_batch = 2;
   options_.max_queue = 4;
@@ -187,8 +188,7 @@ TEST_F(QueueTest, WhatACollectorHasNoTimeForIsDroppedAndCounted) {
 }
 
 TEST_F(QueueTest, WhatACollectorRefusesIsCounted) {
-  Collector collector;
-  collector.rejected = 1;
+  Collector collector(nullptr, /*rejected=*/1);
   auto exporter = Start(collector.address());
   for (int i = 0; i < 3; ++i) exporter->Take(MakeSpan());
   exporter.reset();
