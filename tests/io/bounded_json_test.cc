@@ -18,7 +18,6 @@ using ::testing::Lt;
 using ::testing::SizeIs;
 using Json = nlohmann::json;
 
-
 std::string Repeated(const std::string& piece, int times) {
   std::string text;
   for (int i = 0; i < times; ++i) text += piece;

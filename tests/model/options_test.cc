@@ -15,7 +15,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::UnorderedElementsAre;
 
-
 nlohmann::json PaperJson() { return nlohmann::json::parse(ModelOptionsToJson(*PresetByName("paper"))); }
 
 TEST(ModelOptionsTest, CountsTheParametersThatThePaperReports) {

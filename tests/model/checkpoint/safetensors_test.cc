@@ -19,7 +19,6 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-
 std::string WithLength(uint64_t length, const std::string& rest) {
   return std::string(reinterpret_cast<const char*>(&length), sizeof(length)) + rest;
 }

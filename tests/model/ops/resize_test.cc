@@ -93,12 +93,13 @@ TEST_P(ResizeTest, GradientsFollowTheFormula) {
 
 INSTANTIATE_TEST_SUITE_P(
     Sizes, ResizeTest,
-    testing::Values(ResizeCase{16, 20, 4, 5}, ResizeCase{5, 7, 10, 14}, ResizeCase{6, 6, 6, 9}, ResizeCase{1, 4, 3, 2}, ResizeCase{9, 9, 1, 1},
-                    ResizeCase{1, 1, 5, 3}, ResizeCase{2, 3, 1, 7}, ResizeCase{13, 31, 7, 61}, ResizeCase{61, 7, 13, 31}, ResizeCase{33, 65, 17, 33},
+    testing::Values(ResizeCase{16, 20, 4, 5}, ResizeCase{5, 7, 10, 14}, ResizeCase{6, 6, 6, 9}, ResizeCase{1, 4, 3, 2},
+                    ResizeCase{9, 9, 1, 1}, ResizeCase{1, 1, 5, 3}, ResizeCase{2, 3, 1, 7}, ResizeCase{13, 31, 7, 61},
+                    ResizeCase{61, 7, 13, 31}, ResizeCase{33, 65, 17, 33},
                     // Maps of 320x576, 608x320, 1024x768 and portrait ones, down from stride 2 and up to stride 8.
-                    ResizeCase{160, 288, 40, 72}, ResizeCase{80, 144, 40, 72}, ResizeCase{20, 36, 40, 72}, ResizeCase{304, 160, 76, 40},
-                    ResizeCase{38, 20, 76, 40}, ResizeCase{384, 512, 96, 128}, ResizeCase{48, 64, 96, 128}, ResizeCase{257, 511, 129, 63},
-                    ResizeCase{3, 511, 7, 1021}),
+                    ResizeCase{160, 288, 40, 72}, ResizeCase{80, 144, 40, 72}, ResizeCase{20, 36, 40, 72},
+                    ResizeCase{304, 160, 76, 40}, ResizeCase{38, 20, 76, 40}, ResizeCase{384, 512, 96, 128},
+                    ResizeCase{48, 64, 96, 128}, ResizeCase{257, 511, 129, 63}, ResizeCase{3, 511, 7, 1021}),
     [](const testing::TestParamInfo<ResizeCase>& info) {
       const ResizeCase& p = info.param;
       return std::to_string(p.height) + "x" + std::to_string(p.width) + "to" + std::to_string(p.out_height) + "x" +

@@ -16,7 +16,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using Kind = PickleValue::Kind;
 
-
 TEST(PickleTest, PlainValuesAreRead) {
   const std::string bytes =
       PickleBuilder().Raw("(").Int(-5).Raw("K\xffM\x01\x02\x88").Text("text").Raw("U\x02hiNG12345678]t").Stop();
