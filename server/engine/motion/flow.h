@@ -81,10 +81,14 @@ std::vector<std::optional<FlowMatch>> FollowPoints(const FlowPyramid& from, cons
 // from. Its pixels are those that come back from its code, so that a patch that was kept as code finds the same.
 struct FlowPatch {
   static constexpr int kSide = 64;
-  static constexpr size_t kMaxCodeBytes = 3 * 56 * 56;  // grey values that differ as much as they can take less
-  static constexpr int64_t kBytes = int64_t{kSide} * kSide + 1024;  // with more code than pictures usually make
-  FlowPoint at;                                                     // within the patch
-  std::string code;                                                 // of the part in the middle (patch_coding.h)
+  static constexpr int kCodedSide = 56;  // of the part in the middle that is kept
+  // Grey values that differ as much as they can take less.
+  static constexpr size_t kMaxCodeBytes = size_t{3} * kCodedSide * kCodedSide;
+  // With more code than pictures usually make.
+  static constexpr int64_t kBytes = int64_t{kSide} * kSide + 1024;
+
+  FlowPoint at;                 // within the patch
+  std::string code;             // of the part in the middle (patch_coding.h)
   std::vector<uint8_t> pixels;  // [kSide, kSide]; the middle's edge is repeated beyond it
 };
 FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at);

@@ -4,8 +4,6 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "server/engine/motion/flow.h"
-
 namespace holdfast {
 namespace {
 

@@ -10,10 +10,11 @@
 
 #include "absl/strings/string_view.h"
 #include "absl/types/span.h"
+#include "server/engine/motion/flow.h"
 
 namespace holdfast {
 
-constexpr int kCodedSide = 56;  // pixels
+constexpr int kCodedSide = FlowPatch::kCodedSide;  // pixels
 
 // 'pixels': [kCodedSide, kCodedSide]. What comes back from DecodePatch differs by a few grey levels. Throws when the
 // codec fails.
