@@ -33,6 +33,12 @@ ABSL_FLAG(std::string, listen, Defaults().listen,
           "Serves gRPC on this host:port. Port 0: a free one, which --port_file tells.");
 ABSL_FLAG(std::string, metrics_listen, Defaults().metrics_listen,
           "Serves /metrics, /healthz and /readyz over HTTP on this host:port. Port 0: a free one.");
+ABSL_FLAG(std::string, web_listen, Defaults().web_listen,
+          "Serves the page for browsers, and streams over WebSockets, on this host:port. Port 0: a free one. Empty: to "
+          "no browser.");
+ABSL_FLAG(std::vector<std::string>, web_origins, Defaults().web_origins,
+          "Lets pages of these origins, https://tracks.example,…, open sockets at --web_listen, beside the server's "
+          "own page; needed behind a proxy where --web_listen is of this machine alone.");
 ABSL_FLAG(std::string, port_file, Defaults().port_file,
           "Writes the bound ports to this file once the server is ready. Empty: to no file.");
 ABSL_FLAG(bool, healthcheck, false,
@@ -205,6 +211,8 @@ absl::StatusOr<ServerOptions> OptionsFromFlags() {
   options.listen = absl::GetFlag(FLAGS_listen);
   options.otlp_endpoint = absl::GetFlag(FLAGS_otlp_endpoint);
   options.metrics_listen = absl::GetFlag(FLAGS_metrics_listen);
+  options.web_listen = absl::GetFlag(FLAGS_web_listen);
+  options.web_origins = absl::GetFlag(FLAGS_web_origins);
   options.port_file = absl::GetFlag(FLAGS_port_file);
   options.first_message_timeout = absl::GetFlag(FLAGS_first_message_timeout);
   options.idle_timeout = absl::GetFlag(FLAGS_idle_timeout);

@@ -7,10 +7,11 @@
 #include <memory>
 #include <string>
 
-#include "server/options.h"
 #include "server/tracing/trace_context.h"
 
 namespace holdfast {
+
+enum class LogFormat { kText, kJson };
 
 // To standard error.
 std::shared_ptr<spdlog::logger> MakeLogger(LogFormat format, const std::string& level);

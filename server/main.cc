@@ -61,6 +61,9 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
   if (!http.ok()) return http.status();
   log->info(absl::StrCat("gRPC on port ", (*server)->port(), " (", options.listen, "), HTTP on port ", (*http)->port(),
                          " (", options.metrics_listen, "); loading the model"));
+  if ((*server)->web_port() != 0) {
+    log->info(absl::StrCat("the page for browsers on port ", (*server)->web_port(), " (", options.web_listen, ")"));
+  }
 
   auto created = CreateEngine(options.engine, **sealer, clock, metrics);
   if (!created.ok()) return created.status();
@@ -69,7 +72,8 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
   (*server)->Serve(*engine);
   log->info(absl::StrCat("ready: ", Describe(engine->info())));
   if (!options.port_file.empty()) {
-    const absl::Status written = WritePortFile(options.port_file, (*server)->port(), (*http)->port());
+    const absl::Status written = WritePortFile(
+        options.port_file, {{"grpc", (*server)->port()}, {"metrics", (*http)->port()}, {"web", (*server)->web_port()}});
     if (!written.ok()) return written;
   }
 

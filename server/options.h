@@ -2,20 +2,24 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "server/access/credentials.h"
 #include "server/engine/engine.h"
+#include "server/logging.h"
 
 namespace holdfast {
-
-enum class LogFormat { kText, kJson };
 
 // Everything a server can be told. The engine checks its own part when it is created.
 struct ServerOptions {
   std::string listen = "[::]:50051";            // host:port of gRPC; port 0: a free one
   std::string metrics_listen = "0.0.0.0:9464";  // host:port of /metrics, /healthz and /readyz; port 0: a free one
+  // host:port of the page for browsers and its WebSockets; port 0: a free one. Empty: there is none.
+  std::string web_listen;
+  // Pages of these origins may open sockets there too, beside the server's own: "https://tracks.example".
+  std::vector<std::string> web_origins;
   EngineOptions engine;
   ServerTls tls;  // of gRPC; the other port is for the platform alone
   // Callers are let in whose tokens this file has (see AccessList::Parse). Empty: all are.

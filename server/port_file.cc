@@ -6,8 +6,12 @@
 
 namespace holdfast {
 
-absl::Status WritePortFile(const std::string& path, int grpc_port, int metrics_port) {
-  return WriteFileAtomically(path, absl::StrCat("grpc=", grpc_port, "\nmetrics=", metrics_port, "\n"));
+absl::Status WritePortFile(const std::string& path, const std::vector<std::pair<std::string, int>>& ports) {
+  std::string lines;
+  for (const auto& [name, port] : ports) {
+    if (port != 0) absl::StrAppend(&lines, name, "=", port, "\n");
+  }
+  return WriteFileAtomically(path, lines);
 }
 
 }  // namespace holdfast

@@ -32,8 +32,8 @@ int Milliseconds(absl::Duration duration) {
       std::min<int64_t>(absl::ToInt64Milliseconds(duration), std::numeric_limits<int>::max()));  // gRPC's "infinite"
 }
 
-TrackService::Options ServiceOptions(const ServerOptions& options, SpanSink* spans) {
-  TrackService::Options service;
+ServedStreams::Options StreamsOptions(const ServerOptions& options, SpanSink* spans) {
+  ServedStreams::Options service;
   service.stream.first_message_timeout = options.first_message_timeout;
   service.stream.idle_timeout = options.idle_timeout;
   service.max_streams = options.engine.max_sessions + kWaitingStreams;
@@ -42,9 +42,13 @@ TrackService::Options ServiceOptions(const ServerOptions& options, SpanSink* spa
   return service;
 }
 
+int64_t LargestMessage(const ServerOptions& options) {
+  return std::min<int64_t>(std::max(options.engine.limits.max_frame_bytes, kMaxTokenBytes) + kMessageSlackBytes,
+                           std::numeric_limits<int>::max());
+}
+
 void SetChannelArguments(const ServerOptions& options, grpc::ServerBuilder& builder) {
-  const int64_t largest = std::max(options.engine.limits.max_frame_bytes, kMaxTokenBytes) + kMessageSlackBytes;
-  builder.SetMaxReceiveMessageSize(static_cast<int>(std::min<int64_t>(largest, std::numeric_limits<int>::max())));
+  builder.SetMaxReceiveMessageSize(static_cast<int>(LargestMessage(options)));
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a port in use is an error
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, Milliseconds(options.keepalive_time));
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
@@ -70,16 +74,30 @@ absl::StatusOr<std::unique_ptr<SpanSink>> MakeSpanSink(const std::string& endpoi
   return OtlpExporter::Create(options, events, log);
 }
 
+void WarnOfPlainText(const ServerOptions& options, spdlog::logger& log) {
+  if (!options.tls.enabled() && !IsLoopback(options.listen) && !absl::StartsWith(options.listen, "unix:")) {
+    log.warn(absl::StrCat("gRPC on ", options.listen, " is plain text: frames, results and tokens can be read on the ",
+                          "way; see --tls_cert"));
+  }
+  if (!options.web_listen.empty() && !IsLoopback(options.web_listen)) {
+    log.warn(absl::StrCat("the page for browsers on ", options.web_listen, " is plain text, and browsers give it no ",
+                          "camera; let a proxy that speaks TLS stand before it"));
+  }
+}
+
 }  // namespace
 
 Server::Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, std::unique_ptr<SpanSink> spans,
                Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log)
     : gatekeeper_(std::move(gatekeeper)),
       spans_(std::move(spans)),
-      service_(ServiceOptions(options, spans_.get()), *gatekeeper_, clock, events, std::move(log)) {}
+      log_(std::move(log)),
+      streams_(StreamsOptions(options, spans_.get()), *gatekeeper_, clock, events, log_),
+      service_(streams_) {}
 
 Server::~Server() {
   if (server_ != nullptr) server_->Shutdown(SteadyDeadline(absl::ZeroDuration()));
+  streams_.Abort();
 }
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options, Clock& clock, ServerEvents& events,
@@ -88,14 +106,25 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   if (!gatekeeper.ok()) return gatekeeper.status();
   auto spans = MakeSpanSink(options.otlp_endpoint, events, log);
   if (!spans.ok()) return spans.status();
-  if (!options.tls.enabled() && !IsLoopback(options.listen) && !absl::StartsWith(options.listen, "unix:")) {
-    log->warn(absl::StrCat("gRPC on ", options.listen, " is plain text: frames, results and tokens can be read on the ",
-                           "way; see --tls_cert"));
-  }
+  WarnOfPlainText(options, *log);
   std::unique_ptr<Server> server(
       new Server(options, *std::move(gatekeeper), *std::move(spans), clock, events, std::move(log)));
   if (absl::Status status = server->Listen(options); !status.ok()) return status;
+  if (absl::Status status = server->ListenToBrowsers(options); !status.ok()) return status;
   return server;
+}
+
+absl::Status Server::ListenToBrowsers(const ServerOptions& options) {
+  if (options.web_listen.empty()) return absl::OkStatus();
+  WebOptions web;
+  web.listen = options.web_listen;
+  web.origins = options.web_origins;
+  web.max_message_bytes = LargestMessage(options);
+  web.keepalive_time = options.keepalive_time;
+  auto started = WebServer::Start(web, streams_, log_);
+  if (!started.ok()) return started.status();
+  web_ = *std::move(started);
+  return absl::OkStatus();
 }
 
 absl::Status Server::Listen(const ServerOptions& options) {
@@ -125,14 +154,14 @@ void Server::SetHealth(bool serving) {
 }
 
 void Server::Serve(Engine& engine) {
-  service_.Serve(engine);
+  streams_.Serve(engine);
   if (lifecycle_.Advance(LifecycleState::kServing)) SetHealth(true);
 }
 
 void Server::Drain() {
   lifecycle_.Advance(LifecycleState::kDraining);
   SetHealth(false);
-  service_.Drain();
+  streams_.Drain();
   server_->Shutdown(SteadyDeadline(kCloseTime));
   lifecycle_.Advance(LifecycleState::kStopped);
 }

@@ -13,13 +13,16 @@
 #include "server/events.h"
 #include "server/lifecycle.h"
 #include "server/options.h"
+#include "server/streams/served_streams.h"
 #include "server/tracing/span.h"
 #include "server/track_service.h"
+#include "server/web/web_server.h"
 
 namespace holdfast {
 
-// The gRPC side: PointTracking, grpc.health.v1 and reflection on one port. Listens from the start, so that probes get
-// an answer while the model loads, and walks through the Lifecycle; health is SERVING in kServing alone.
+// The network's side: PointTracking, grpc.health.v1 and reflection on the port of gRPC, and the one for browsers.
+// Listens from the start, so that probes get an answer while the model loads, and walks through the Lifecycle; health
+// is SERVING in kServing alone.
 class Server {
  public:
   // 'clock' and 'events' must outlive the server.
@@ -36,18 +39,23 @@ class Server {
 
   LifecycleState state() const { return lifecycle_.state(); }
   int port() const { return port_; }
+  int web_port() const { return web_ == nullptr ? 0 : web_->port(); }  // 0: there is none
 
  private:
   Server(const ServerOptions& options, std::unique_ptr<Gatekeeper> gatekeeper, std::unique_ptr<SpanSink> spans,
          Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log);
   absl::Status Listen(const ServerOptions& options);
+  absl::Status ListenToBrowsers(const ServerOptions& options);
   void SetHealth(bool serving);
 
   Lifecycle lifecycle_;
   int port_ = 0;
   const std::unique_ptr<Gatekeeper> gatekeeper_;
   const std::unique_ptr<SpanSink> spans_;  // null: traces are not recorded
+  const std::shared_ptr<spdlog::logger> log_;
+  ServedStreams streams_;
   TrackService service_;
+  std::unique_ptr<WebServer> web_;        // null: browsers are not served
   std::unique_ptr<grpc::Server> server_;  // last: it uses the service
 };
 

@@ -1,181 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/track_reactor.h"
 
-#include <string>
 #include <utility>
 
-#include "absl/strings/escaping.h"
-#include "absl/strings/str_cat.h"
-#include "api/errors.h"
-#include "proto/convert.h"
 #include "proto/grpc_status.h"
-#include "server/logging.h"
-#include "server/message_codec.h"
+#include "server/streams/message_codec.h"
 
 namespace holdfast {
-namespace {
 
-constexpr size_t kMaxWarnings = 16;     // waiting to be sent; later ones are dropped
-constexpr size_t kMaxLoggedText = 300;  // bytes
-
-// Code and text, cut: the text may quote what a stranger sent.
-std::string ForLog(const absl::Status& status) {
-  const absl::string_view text = status.message();
-  return absl::StrCat(absl::StatusCodeToString(status.code()), text.empty() ? "" : ": ", text.substr(0, kMaxLoggedText),
-                      text.size() > kMaxLoggedText ? "..." : "");
-}
-
-}  // namespace
-
-TrackReactor::TrackReactor(Deps deps, Gatekeeper::Pass pass, TraceContext trace, grpc::CallbackServerContext* context)
-    : deps_(std::move(deps)),
-      pass_(std::move(pass)),
-      trace_(std::move(trace), deps_.spans, deps_.clock),
-      started_(deps_.clock.SteadyNow()),
+TrackReactor::TrackReactor(ServedStream::Deps deps, Gatekeeper::Pass pass, TraceContext trace, int max_points,
+                           grpc::CallbackServerContext* context, std::function<void(TrackReactor*)> retire)
+    : max_points_(max_points),
+      retire_(std::move(retire)),
       context_(context),
-      log_(deps_.log),
-      last_activity_(started_) {
-  absl::MutexLock lock(&mutex_);
-  StartRead(&request_);
-}
-
-EngineSession* TrackReactor::session() {
-  absl::MutexLock lock(&mutex_);
-  return session_.get();
+      stream_(std::move(deps), std::move(pass), std::move(trace), *this) {
+  stream_.Begin();
 }
 
 void TrackReactor::OnReadDone(bool ok) {
-  EngineSession* session;
-  {
-    absl::MutexLock lock(&mutex_);
-    last_activity_ = deps_.clock.SteadyNow();
-    if (input_closed_ || cancelled_ || done_) return;
-    session = session_.get();
-  }
-  if (!ok) return InputEnded(session);
-  if (absl::Status status = TakeMessage(session); !status.ok()) return End(status);
-  absl::MutexLock lock(&mutex_);
-  reading_ = false;  // not before: writes and the engine start reads too, and messages have to stay in their order
-  MaybeReadLocked();
-}
-
-void TrackReactor::InputEnded(EngineSession* session) {
-  if (session == nullptr) return End(InvalidFieldError("config", "is missing: the stream ended before it came"));
-  {
-    absl::MutexLock lock(&mutex_);
-    if (input_closed_) return;
-    input_closed_ = true;
-  }
-  session->Finish();
-}
-
-absl::Status TrackReactor::TakeMessage(EngineSession* session) {
+  if (!ok) return stream_.OnInputEnd();
   v1::TrackRequest request;
-  if (absl::Status status = ParseRequest(request_, deps_.engine.limits().max_points, request); !status.ok()) {
-    return status;
-  }
-  return session == nullptr ? Open(request) : Apply(std::move(request), *session);
-}
-
-absl::Status TrackReactor::Open(const v1::TrackRequest& request) {
-  if (!request.has_config()) {
-    return InvalidFieldError("config", "is missing: the first message of a stream has to be the config");
-  }
-  absl::StatusOr<SessionConfig> config = FromProto(request.config());
-  if (!config.ok()) return config.status();
-  config->max_points = pass_.grant().max_points;
-  absl::StatusOr<std::unique_ptr<EngineSession>> opened = OpenSession(*config);
-  if (!opened.ok()) return opened.status();
-
-  const SessionAccepted& accepted = (*opened)->accepted();
-  const auto log =
-      SessionLogger(*deps_.log, accepted.session_id, absl::Utf8SafeCHexEscape(config->label), trace_.context());
-  log->info(absl::StrCat(config->resume_token.empty()
-                             ? absl::StrCat("session opened with ", config->points.size(), " points")
-                             : absl::StrCat("session resumed at frame ", accepted.first_frame),
-                         pass_.grant().name.empty() ? "" : " by ", pass_.grant().name));
-  EngineSession* late = nullptr;
-  {
-    absl::MutexLock lock(&mutex_);
-    session_ = *std::move(opened);
-    accepted_ = session_->accepted();
-    accepted_->trace_id = trace_.context().trace_id;
-    log_ = log;
-    if (cancelled_ || done_) late = session_.get();
-    MaybeWriteLocked();
-  }
-  if (late != nullptr) late->Cancel();
-  return absl::OkStatus();
-}
-
-absl::StatusOr<std::unique_ptr<EngineSession>> TrackReactor::OpenSession(const SessionConfig& config) {
-  absl::StatusOr<std::unique_ptr<EngineSession>> opened = deps_.engine.OpenSession(config, *this);
-  if (!config.resume_token.empty()) {
-    deps_.events.SessionResumed(opened.ok() ? ResumeResult::kResumed : ResumeResult::kRefused);
-  }
-  return opened;
-}
-
-absl::Status TrackReactor::Apply(v1::TrackRequest request, EngineSession& session) {
-  switch (request.request_case()) {
-    case v1::TrackRequest::kConfig:
-      return InvalidFieldError("config", "came once more; it is sent once, as the first message");
-    case v1::TrackRequest::kFrame:
-      return PushFrame(std::move(*request.mutable_frame()), session);
-    case v1::TrackRequest::kAddPoints: {
-      const auto points = FromProto(request.add_points());
-      return points.ok() ? session.AddPoints(*points) : points.status();
-    }
-    case v1::TrackRequest::kRemovePoints: {
-      const auto ids = FromProto(request.remove_points());
-      return ids.ok() ? session.RemovePoints(*ids) : ids.status();
-    }
-    case v1::TrackRequest::REQUEST_NOT_SET:
-      break;
-  }
-  return InvalidFieldError("request", "is empty or of an unknown kind");
-}
-
-absl::Status TrackReactor::PushFrame(v1::Frame&& message, EngineSession& session) {
-  absl::StatusOr<Frame> frame = FromProto(std::move(message));
-  if (!frame.ok()) return frame.status();
-  {
-    absl::MutexLock lock(&mutex_);
-    full_ = true;  // before the push: OnRoomForFrame may come before the push has returned
-  }
-  const absl::StatusOr<Room> room = session.PushFrame(*std::move(frame));
-  if (!room.ok()) return room.status();
-  if (*room == Room::kAvailable) {
-    absl::MutexLock lock(&mutex_);
-    full_ = false;
-  }
-  return absl::OkStatus();
-}
-
-void TrackReactor::OnWriteDone(bool ok) {
-  EngineSession* session;
-  {
-    absl::MutexLock lock(&mutex_);
-    writing_ = false;
-    last_activity_ = deps_.clock.SteadyNow();
-    if (!ok) cancelled_ = true;
-    MaybeWriteLocked();
-    MaybeReadLocked();
-    session = session_.get();
-  }
-  if (!ok && session != nullptr) session->Cancel();
-}
-
-void TrackReactor::OnCancel() {
-  EngineSession* session;
-  {
-    absl::MutexLock lock(&mutex_);
-    cancelled_ = true;
-    session = session_.get();
-    if (session == nullptr && !done_) done_ = absl::CancelledError("the client went away");
-    MaybeWriteLocked();
-  }
-  if (session != nullptr) session->Cancel();
+  const absl::Status parsed = ParseRequest(request_, max_points_, request);
+  if (!parsed.ok()) return stream_.OnRequest(parsed);
+  stream_.OnRequest(std::move(request));
 }
 
 void TrackReactor::OnDone() {
@@ -183,185 +30,19 @@ void TrackReactor::OnDone() {
     absl::MutexLock lock(&mutex_);
     context_ = nullptr;
   }
-  deps_.retire(this);
+  retire_(this);
 }
 
-void TrackReactor::OnTracks(TrackUpdate update) {
-  absl::MutexLock lock(&mutex_);
-  last_activity_ = deps_.clock.SteadyNow();
-  if (cancelled_) return;
-  outbox_.Add(std::move(update));
-  MaybeWriteLocked();
-}
-
-void TrackReactor::OnWarning(const absl::Status& warning) {
-  std::shared_ptr<spdlog::logger> log;
-  {
-    absl::MutexLock lock(&mutex_);
-    log = log_;
-  }
-  log->warn(absl::StrCat("warning: ", ForLog(warning)));
-  absl::MutexLock lock(&mutex_);
-  if (cancelled_ || warnings_.size() >= kMaxWarnings) return;
-  warnings_.push_back(warning);
-  MaybeWriteLocked();
-}
-
-void TrackReactor::OnCheckpoint(Checkpoint checkpoint) {
-  absl::MutexLock lock(&mutex_);
-  if (cancelled_) return;
-  checkpoint_ = std::move(checkpoint);
-  outbox_.Mark();
-  MaybeWriteLocked();
-}
-
-void TrackReactor::OnRoomForFrame() {
-  absl::MutexLock lock(&mutex_);
-  full_ = false;
-  last_activity_ = deps_.clock.SteadyNow();
-  MaybeReadLocked();
-}
-
-void TrackReactor::OnSessionDone(const absl::Status& status, const SessionSummary& summary) {
-  absl::MutexLock lock(&mutex_);
-  if (!done_) done_ = status;
-  if (done_->ok()) summary_ = summary;
-  MaybeWriteLocked();
-}
-
-void TrackReactor::CheckTime(SteadyTime now) {
-  absl::Status late;
-  {
-    absl::MutexLock lock(&mutex_);
-    if (finished_ || cancelled_) return;
-    const absl::Duration quiet = Between(last_activity_, now);
-    if (writing_) {
-      if (quiet < deps_.options.idle_timeout) return;
-      log_->info("the client does not read; cutting it off");
-      return AbortLocked();
-    }
-    if (input_closed_ || done_) return;
-    if (session_ == nullptr) {
-      if (Between(started_, now) < deps_.options.first_message_timeout) return;
-      late = absl::DeadlineExceededError("the config did not come in time");
-    } else {
-      if (!reading_ || quiet < deps_.options.idle_timeout) return;
-      late = absl::DeadlineExceededError(
-          absl::StrCat("nothing came for ", absl::FormatDuration(deps_.options.idle_timeout)));
-    }
-  }
-  End(late);
-}
-
-void TrackReactor::End(const absl::Status& status) {
-  EngineSession* session;
-  {
-    absl::MutexLock lock(&mutex_);
-    if (input_closed_ || done_) return;  // it is ending already
-    input_closed_ = failing_ = true;
-    session = session_.get();
-    if (session == nullptr) done_ = status;
-    MaybeWriteLocked();
-  }
-  if (session != nullptr) session->Fail(status);
-}
-
-void TrackReactor::GoingAway(absl::Duration time_left) {
-  absl::MutexLock lock(&mutex_);
-  if (told_going_away_ || session_ == nullptr || done_ || cancelled_) return;
-  told_going_away_ = true;
-  going_away_ = time_left;
-  MaybeWriteLocked();
-}
-
-void TrackReactor::Suspend(const absl::Status& status) {
-  EngineSession* session;
-  {
-    absl::MutexLock lock(&mutex_);
-    if (suspended_ || failing_ || done_) return;
-    input_closed_ = suspended_ = true;
-    session = session_.get();
-    if (session == nullptr) done_ = status;
-    MaybeWriteLocked();
-  }
-  if (session != nullptr) session->Suspend(status);
-}
-
-void TrackReactor::Abort() {
-  absl::MutexLock lock(&mutex_);
-  if (!cancelled_) AbortLocked();
-}
-
-void TrackReactor::AbortLocked() {
-  cancelled_ = true;
-  if (context_ != nullptr) context_->TryCancel();  // OnCancel follows, never from within this call
-}
-
-void TrackReactor::MaybeReadLocked() {
-  if (reading_ || full_ || input_closed_ || cancelled_ || done_ || session_ == nullptr) return;
-  if (outbox_.bytes() > deps_.options.max_unsent_bytes) return;
-  reading_ = true;
-  StartRead(&request_);
-}
-
-void TrackReactor::MaybeWriteLocked() {
-  if (writing_ || finished_) return;
-  if (cancelled_ || !NextResponseLocked()) return MaybeFinishLocked();
-  writing_ = true;
-  last_activity_ = deps_.clock.SteadyNow();
-  StartWrite(&response_);
-}
-
-// Fills response_ with what has to be sent next; false: nothing waits.
-bool TrackReactor::NextResponseLocked() {
-  v1::TrackResponse response;
-  if (accepted_) {
-    *response.mutable_accepted() = ToProto(*accepted_);
-    accepted_.reset();
-  } else if (going_away_) {
-    *response.mutable_going_away() = GoingAwayToProto(*going_away_);
-    going_away_.reset();
-  } else if (!warnings_.empty()) {
-    *response.mutable_warning() = ToRpcStatus(warnings_.front());
-    warnings_.erase(warnings_.begin());
-  } else if (checkpoint_ && !outbox_.marked_waits()) {  // before later results, which may never end
-    *response.mutable_checkpoint() = TakeCheckpointLocked();
-  } else if (!outbox_.empty()) {
-    *response.mutable_tracks() = ToProto(outbox_.Take(deps_.options.max_message_bytes));
-  } else if (summary_) {
-    *response.mutable_summary() = ToProto(*summary_);
-    summary_.reset();
-  } else {
-    return false;
-  }
+void TrackReactor::StartWrite(const v1::TrackResponse& response) {
   response_ = SerializeResponse(response);
-  return true;
+  ServerBidiReactor::StartWrite(&response_);
 }
 
-v1::Checkpoint TrackReactor::TakeCheckpointLocked() {
-  Checkpoint checkpoint = *std::exchange(checkpoint_, std::nullopt);
-  if (checkpoint.token.empty()) {
-    log_->warn("the session has outgrown what a checkpoint can hold");
-  } else {
-    deps_.events.CheckpointSent(static_cast<int64_t>(checkpoint.token.size()));
-    log_->debug(absl::StrCat("checkpoint of ", checkpoint.token.size(), " bytes"));
-  }
-  return ToProto(std::move(checkpoint));
-}
+void TrackReactor::Finish(const absl::Status& status) { ServerBidiReactor::Finish(ToGrpcStatus(status)); }
 
-void TrackReactor::MaybeFinishLocked() {
-  if (finished_ || writing_ || !done_) return;
-  finished_ = true;
-  TellEndLocked();
-  Finish(cancelled_ ? grpc::Status::CANCELLED : ToGrpcStatus(*done_));
-}
-
-void TrackReactor::TellEndLocked() {
-  const auto level = IsServersFault(*done_) ? spdlog::level::err : spdlog::level::info;
-  log_->log(level, absl::StrCat(session_ == nullptr ? "stream" : "session", " ended: ", ForLog(*done_)));
-  trace_.End(*done_, {{"rpc.system", "grpc"},
-                      {"holdfast.session", session_ == nullptr ? "" : session_->accepted().session_id},
-                      {"holdfast.caller", pass_.grant().name}});
+void TrackReactor::Cancel() {
+  absl::MutexLock lock(&mutex_);
+  if (context_ != nullptr) context_->TryCancel();  // OnCancel follows, never from within this call
 }
 
 }  // namespace holdfast

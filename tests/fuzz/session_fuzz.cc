@@ -15,7 +15,7 @@
 
 #include "proto/convert.h"
 #include "server/engine/engine_with_model.h"
-#include "server/message_codec.h"
+#include "server/streams/message_codec.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/support/fake_tracker_model.h"
 #include "tests/support/memory_sealer.h"
@@ -74,7 +74,7 @@ void EndSession(EngineSession& session, End end) {
   }
 }
 
-// What TrackReactor does with the messages of a stream, without gRPC around it.
+// What ServedStream does with the messages of a stream, without gRPC around it.
 class Stream {
  public:
   explicit Stream(Engine& engine) : engine_(engine) {}

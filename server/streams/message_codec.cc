@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/message_codec.h"
+#include "server/streams/message_codec.h"
 
 #include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 #include <google/protobuf/wire_format_lite.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/support/proto_buffer_reader.h>
@@ -78,25 +79,45 @@ class Measure {
   int64_t token_ = 0;  // bytes of tokens
 };
 
-bool Fits(grpc::ByteBuffer& bytes, int64_t most) {
-  grpc::ProtoBufferReader reader(&bytes);
-  CodedInputStream in(&reader);
+bool Fits(google::protobuf::io::ZeroCopyInputStream& bytes, int64_t most) {
+  CodedInputStream in(&bytes);
   return Measure(in, most).Fits();
 }
+
+int64_t MostBytes(int max_points) { return kOtherBytes + kPointBytes * max_points; }
+
+absl::Status TooManyPoints(int max_points) {
+  return OverloadError("points of a session",
+                       absl::StrCat("at most ", max_points, "; a message has more than the ", MostBytes(max_points),
+                                    " bytes that they need beside a picture or a token"),
+                       absl::ZeroDuration());
+}
+
+absl::Status NoMessage() { return InvalidFieldError("request", "is not a message of this protocol"); }
 
 }  // namespace
 
 absl::Status ParseRequest(grpc::ByteBuffer& bytes, int max_points, v1::TrackRequest& request) {
-  const int64_t most = kOtherBytes + kPointBytes * max_points;
-  if (static_cast<int64_t>(bytes.Length()) > most && !Fits(bytes, most)) {
-    bytes.Clear();
-    return OverloadError("points of a session",
-                         absl::StrCat("at most ", max_points, "; a message has more than the ", most,
-                                      " bytes that they need beside a picture or a token"),
-                         absl::ZeroDuration());
+  if (static_cast<int64_t>(bytes.Length()) > MostBytes(max_points)) {
+    grpc::ProtoBufferReader reader(&bytes);
+    if (!Fits(reader, MostBytes(max_points))) {
+      bytes.Clear();
+      return TooManyPoints(max_points);
+    }
   }
-  if (grpc::SerializationTraits<v1::TrackRequest>::Deserialize(&bytes, &request).ok()) return absl::OkStatus();
-  return InvalidFieldError("request", "is not a message of this protocol");
+  return grpc::SerializationTraits<v1::TrackRequest>::Deserialize(&bytes, &request).ok() ? absl::OkStatus()
+                                                                                         : NoMessage();
+}
+
+absl::StatusOr<v1::TrackRequest> ParseRequest(absl::string_view bytes, int max_points) {
+  const int size = static_cast<int>(bytes.size());  // carriers bound messages far below 2 GiB
+  if (size > MostBytes(max_points)) {
+    google::protobuf::io::ArrayInputStream reader(bytes.data(), size);
+    if (!Fits(reader, MostBytes(max_points))) return TooManyPoints(max_points);
+  }
+  v1::TrackRequest request;
+  if (!request.ParseFromArray(bytes.data(), size)) return NoMessage();
+  return request;
 }
 
 grpc::ByteBuffer SerializeResponse(const v1::TrackResponse& response) {

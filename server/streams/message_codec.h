@@ -6,6 +6,8 @@
 #include <grpcpp/support/byte_buffer.h>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "holdfast/v1/point_tracking.pb.h"
 
 namespace holdfast {
@@ -14,6 +16,8 @@ namespace holdfast {
 // resumed, than 'max_points' points need.
 // INVALID_ARGUMENT: no message.
 absl::Status ParseRequest(grpc::ByteBuffer& bytes, int max_points, v1::TrackRequest& request);
+// The same for bytes that came otherwise.
+absl::StatusOr<v1::TrackRequest> ParseRequest(absl::string_view bytes, int max_points);
 
 grpc::ByteBuffer SerializeResponse(const v1::TrackResponse& response);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/message_codec.h"
+#include "server/streams/message_codec.h"
 
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>

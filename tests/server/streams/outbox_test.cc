@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/outbox.h"
+#include "server/streams/outbox.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,0 +1,40 @@
+# holdfast_embed(target FILES path[=name]...): the target's PageFiles() (server/web/page_files.h) has these files, each by
+# its name, as part of the program. Paths are relative to the project's root.
+function(holdfast_embed target)
+  cmake_parse_arguments(A "" "" "FILES" ${ARGN})
+  set(blobs "")
+  set(declarations "")
+  set(entries "")
+  set(number 0)
+  foreach(file ${A_FILES})
+    string(REGEX REPLACE "=.*" "" path ${file})
+    string(REGEX REPLACE ".*[=/]" "" name ${file})
+    set(path ${PROJECT_SOURCE_DIR}/${path})
+    file(SHA256 ${path} sum)
+    string(SUBSTRING ${sum} 0 16 etag)
+    set(symbol holdfast_page_${number})
+    string(APPEND blobs "  .global ${symbol}, ${symbol}_end\n${symbol}:\n  .incbin \"${path}\"\n${symbol}_end:\n")
+    string(APPEND declarations "extern \"C\" const char ${symbol}[], ${symbol}_end[];\n")
+    string(APPEND entries "      {\"/${name}\", {${symbol}, static_cast<size_t>(${symbol}_end - ${symbol})}, \"\\\"${etag}\\\"\"},\n")
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${path})  # for the sum
+    list(APPEND paths ${path})
+    math(EXPR number "${number} + 1")
+  endforeach()
+  file(CONFIGURE OUTPUT page_blobs.s @ONLY CONTENT "  .section .rodata\n${blobs}  .section .note.GNU-stack,\"\",%progbits\n")
+  file(CONFIGURE OUTPUT page_files.cc @ONLY CONTENT "#include \"server/web/page_files.h\"
+
+${declarations}
+namespace holdfast {
+
+const std::vector<PageFile>& PageFiles() {
+  static const auto* const files = new std::vector<PageFile>{
+${entries}  };
+  return *files;
+}
+
+}  // namespace holdfast
+")
+  target_sources(${target} PRIVATE ${CMAKE_CURRENT_BINARY_DIR}/page_blobs.s ${CMAKE_CURRENT_BINARY_DIR}/page_files.cc)
+  set_source_files_properties(${CMAKE_CURRENT_BINARY_DIR}/page_blobs.s PROPERTIES LANGUAGE ASM
+    OBJECT_DEPENDS "${paths}" SKIP_PRECOMPILE_HEADERS ON)
+endfunction()

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/web/web_socket.h"
+
+#include <algorithm>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/beast/websocket/rfc6455.hpp>
+#include <chrono>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "api/errors.h"
+#include "proto/grpc_status.h"
+#include "server/streams/message_codec.h"
+#include "server/tracing/trace_context.h"
+
+namespace holdfast {
+namespace {
+
+namespace beast = boost::beast;
+namespace websocket = beast::websocket;
+using beast::error_code;
+
+constexpr char kProtocol[] = "holdfast.v1";
+constexpr char kTokenPrefix[] = "bearer.";
+constexpr std::chrono::seconds kHandshakeTime(10);    // to open and to close
+constexpr size_t kKeptBufferBytes = size_t{1} << 20;  // beyond it a message's memory is given back
+
+websocket::stream_base::timeout Timeouts(absl::Duration keepalive_time) {
+  websocket::stream_base::timeout timeouts{kHandshakeTime, websocket::stream_base::none(), false};
+  if (keepalive_time < absl::Hours(24)) {
+    timeouts.idle_timeout = std::chrono::milliseconds(absl::ToInt64Milliseconds(keepalive_time));
+    timeouts.keep_alive_pings = true;
+  }
+  return timeouts;
+}
+
+websocket::close_code CloseCodeOf(const absl::Status& status) {
+  if (status.ok()) return websocket::close_code::normal;
+  switch (status.code()) {
+    case absl::StatusCode::kUnauthenticated:
+    case absl::StatusCode::kInvalidArgument:
+      return websocket::close_code::policy_error;
+    case absl::StatusCode::kUnavailable:
+    case absl::StatusCode::kResourceExhausted:
+      return websocket::close_code::try_again_later;
+    default:
+      return websocket::close_code::internal_error;
+  }
+}
+
+std::string Serialize(const v1::TrackResponse& response) { return response.SerializeAsString(); }
+
+}  // namespace
+
+// The stream together with the socket that carries it; owned by ServedStreams.
+class WebSocket::Live final : public LiveStream {
+ public:
+  Live(ServedStream::Deps deps, Gatekeeper::Pass pass, std::shared_ptr<WebSocket> socket)
+      : socket_(std::move(socket)), stream_(std::move(deps), std::move(pass), TraceOf(""), *socket_) {}
+  ServedStream& stream() override { return stream_; }
+
+ private:
+  const std::shared_ptr<WebSocket> socket_;
+  ServedStream stream_;
+};
+
+WebSocket::WebSocket(beast::tcp_stream connection, const Options& options, ServedStreams& streams,
+                     std::shared_ptr<void> place)
+    : socket_(std::move(connection)), streams_(streams), place_(std::move(place)) {
+  beast::get_lowest_layer(socket_).expires_never();  // the socket has timeouts of its own
+  socket_.set_option(Timeouts(options.keepalive_time));
+  socket_.read_message_max(static_cast<size_t>(options.max_message_bytes));
+  socket_.binary(true);
+}
+
+template <typename Do>
+void WebSocket::OnItsThread(Do what) {
+  boost::asio::post(socket_.get_executor(),
+                    [self = shared_from_this(), what = std::move(what)]() mutable { what(*self); });
+}
+
+void WebSocket::Accept(const UpgradeRequest& request, std::string authorization, std::string peer) {
+  socket_.set_option(websocket::stream_base::decorator(
+      [](websocket::response_type& response) { response.set(beast::http::field::sec_websocket_protocol, kProtocol); }));
+  socket_.async_accept(request, [self = shared_from_this(), authorization = std::move(authorization),
+                                 peer = std::move(peer)](error_code error) {
+    if (!error) self->Open(authorization, peer);
+  });
+}
+
+void WebSocket::Open(const std::string& authorization, const std::string& peer) {
+  const auto make = [this](ServedStream::Deps deps, Gatekeeper::Pass pass, int max_points) {
+    auto live = std::make_unique<Live>(std::move(deps), std::move(pass), shared_from_this());
+    live_ = live.get();
+    max_points_ = max_points;
+    live_->stream().Begin();
+    return std::unique_ptr<LiveStream>(std::move(live));
+  };
+  const auto opened = streams_.Open({authorization, peer}, "websocket", make);
+  if (!opened.ok()) End(opened.status());
+}
+
+void WebSocket::StartRead() {
+  OnItsThread([](WebSocket& it) { it.Read(); });
+}
+
+void WebSocket::StartWrite(const v1::TrackResponse& response) {
+  OnItsThread([bytes = Serialize(response)](WebSocket& it) mutable { it.Write(std::move(bytes)); });
+}
+
+void WebSocket::Finish(const absl::Status& status) {
+  OnItsThread([status](WebSocket& it) { it.End(status); });
+}
+
+void WebSocket::Cancel() {
+  OnItsThread([](WebSocket& it) { it.Gone(); });
+}
+
+void WebSocket::Read() {
+  if (gone_ || finished_) return;
+  socket_.async_read(incoming_, [self = shared_from_this()](error_code error, size_t) {
+    if (self->live_ == nullptr) return;
+    if (error) return self->Gone();
+    self->TakeMessage();
+  });
+}
+
+void WebSocket::TakeMessage() {
+  const auto bytes = incoming_.cdata();
+  absl::StatusOr<v1::TrackRequest> request =
+      socket_.got_binary() ? ParseRequest({static_cast<const char*>(bytes.data()), bytes.size()}, max_points_)
+                           : InvalidFieldError("request", "is a text message, expected a binary one");
+  incoming_.consume(bytes.size());
+  if (incoming_.capacity() > kKeptBufferBytes) incoming_.shrink_to_fit();
+  live_->stream().OnRequest(std::move(request));
+}
+
+void WebSocket::Write(std::string bytes) {
+  if (live_ == nullptr) return;
+  if (gone_) return live_->stream().OnWritten(false);
+  outgoing_ = std::move(bytes);
+  socket_.async_write(boost::asio::buffer(outgoing_), [self = shared_from_this()](error_code error, size_t) {
+    if (self->live_ == nullptr) return;
+    self->live_->stream().OnWritten(!error);
+    if (error) self->Gone();
+  });
+}
+
+// No more comes from the stream, or there never was one.
+void WebSocket::End(const absl::Status& status) {
+  finished_ = true;
+  if (gone_) return Retire();
+  if (status.ok()) return Close(status);
+  v1::TrackResponse response;
+  *response.mutable_error() = ToRpcStatus(status);
+  outgoing_ = Serialize(response);
+  socket_.async_write(boost::asio::buffer(outgoing_), [self = shared_from_this(), status](error_code error, size_t) {
+    if (error) return self->Retire();
+    self->Close(status);
+  });
+}
+
+void WebSocket::Close(const absl::Status& status) {
+  const websocket::close_reason reason(CloseCodeOf(status));
+  socket_.async_close(reason, [self = shared_from_this()](error_code) { self->Retire(); });
+}
+
+// The connection is lost, or the stream wants it no more.
+void WebSocket::Gone() {
+  if (gone_) return;
+  gone_ = true;
+  error_code ignored;
+  beast::get_lowest_layer(socket_).socket().close(ignored);
+  if (live_ != nullptr && !finished_) live_->stream().OnCancel();
+}
+
+void WebSocket::Retire() {
+  if (live_ != nullptr) streams_.Retire(std::exchange(live_, nullptr));
+}
+
+std::string AuthorizationOf(absl::string_view subprotocols, bool& offers_protocol) {
+  std::string authorization;
+  offers_protocol = false;
+  for (absl::string_view offered : absl::StrSplit(subprotocols, ',')) {
+    offered = absl::StripAsciiWhitespace(offered);
+    std::string token;
+    if (offered == kProtocol) offers_protocol = true;
+    if (absl::ConsumePrefix(&offered, kTokenPrefix) && absl::WebSafeBase64Unescape(offered, &token)) {
+      authorization = absl::StrCat("Bearer ", token);
+    }
+  }
+  return authorization;
+}
+
+}  // namespace holdfast

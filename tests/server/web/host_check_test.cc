@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/web/host_check.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/support/status_matchers.h"
+
+namespace holdfast {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr char kListed[] = "https://tracks.example";
+
+TEST(HostCheckTest, ThePageOfThisMachineIsLetIn) {
+  for (const std::string host : {"localhost:8080", "127.0.0.1:8080", "[::1]:8080", "localhost"}) {
+    EXPECT_THAT(CheckHost({}, host, "http://" + host), IsOk()) << host;
+    EXPECT_THAT(CheckHost({}, host, ""), IsOk()) << host;
+  }
+}
+
+TEST(HostCheckTest, AnotherSitesPageIsNot) {
+  for (const std::string origin : {"http://evil.example", "http://localhost:9999", "null",
+                                   "https://localhost:8080.evil.example", "localhost:8080"}) {
+    EXPECT_THAT(CheckHost({}, "localhost:8080", origin),
+                StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("origin is '" + origin)));
+  }
+}
+
+// A site may have its own name point to 127.0.0.1 once its page is loaded: the browser then thinks the page our own.
+TEST(HostCheckTest, ANameThatIsNotThisMachinesIsRefusedWhereNobodyElseCanCall) {
+  for (const std::string host : {"evil.example", "localhost.evil.example:8080", "128.0.0.1:8080", ""}) {
+    EXPECT_THAT(CheckHost({}, host, "http://" + host),
+                StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("host is '" + host)));
+    EXPECT_THAT(CheckHost({}, host, ""), StatusIs(absl::StatusCode::kPermissionDenied));
+  }
+}
+
+TEST(HostCheckTest, AServerOfANetworkGoesByEveryName) {
+  HostRules rules;
+  rules.loopback = false;
+  EXPECT_THAT(CheckHost(rules, "box.lan:8080", "http://box.lan:8080"), IsOk());
+  EXPECT_THAT(CheckHost(rules, "BOX.lan:8080", "http://box.lan:8080"), IsOk());
+  EXPECT_THAT(CheckHost(rules, "box.lan:8080", "http://evil.example"), StatusIs(absl::StatusCode::kPermissionDenied));
+}
+
+TEST(HostCheckTest, ListedOriginsAreLetIn) {
+  HostRules rules;
+  rules.origins = {kListed};
+  EXPECT_THAT(CheckHost(rules, "localhost:8080", kListed), IsOk());         // a page that was loaded elsewhere
+  EXPECT_THAT(CheckHost(rules, "tracks.example", kListed), IsOk());         // behind a proxy of that name
+  EXPECT_THAT(CheckHost(rules, "localhost:8080", "http://tracks.example"),  // no TLS
+              StatusIs(absl::StatusCode::kPermissionDenied));
+}
+
+}  // namespace
+}  // namespace holdfast
