@@ -13,7 +13,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps tools configure build test dist packages wheel demo bench train-small format lint sanitize fuzz clean
+.PHONY: help deps tools configure build test dist packages wheel demo web bench train-small format lint sanitize fuzz clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -62,6 +62,12 @@ wheel: ## make the Python client's wheel in out/python/dist
 demo: configure ## track a real video through the server; the result lies in out/demo
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast-server holdfast
 	deploy/demo.sh $(BUILD)/bin out/demo
+
+WEB_PORT ?= 8080
+web: configure ## serve the page that tracks live in a browser, at http://localhost:8080 (WEB_PORT=8080)
+	cmake --build $(BUILD) -j $(JOBS) --target holdfast-server
+	@echo "Open http://localhost:$(WEB_PORT) once the server is ready. Ctrl-C ends it."
+	@$(BUILD)/bin/holdfast-server --listen=127.0.0.1:0 --metrics_listen=127.0.0.1:0 --web_listen=127.0.0.1:$(WEB_PORT)
 
 bench: configure ## measure the network's kernels, windows of video, and the synthetic generator
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast-model-benchmark holdfast-synth

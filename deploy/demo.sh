@@ -26,3 +26,4 @@ echo
 echo "Tracks:  $out/tracks.json"
 echo "Video:   $out/overlay.mp4"
 echo "Picture: $out/still.png"
+echo "Live, in a browser: make web"
