@@ -61,10 +61,10 @@ TEST(MakeLoggerTest, TheLevelHolds) {
   EXPECT_TRUE(MakeLogger(LogFormat::kJson, "debug")->should_log(spdlog::level::debug));
 }
 
-TEST(PortFileTest, HoldsBothPorts) {
+TEST(PortFileTest, HoldsThePortsThatThereAre) {
   const TempDir dir;
   const std::string path = dir.File("ports");
-  ASSERT_THAT(WritePortFile(path, 1234, 5678), IsOk());
+  ASSERT_THAT(WritePortFile(path, {{"grpc", 1234}, {"metrics", 5678}, {"web", 0}}), IsOk());
   std::ifstream file(path);
   std::ostringstream text;
   text << file.rdbuf();
@@ -72,7 +72,7 @@ TEST(PortFileTest, HoldsBothPorts) {
 }
 
 TEST(PortFileTest, ADirectoryThatIsNotThereIsAnError) {
-  EXPECT_THAT(WritePortFile("/nonexistent/ports", 1, 2),
+  EXPECT_THAT(WritePortFile("/nonexistent/ports", {{"grpc", 1}, {"metrics", 2}, {"web", 0}}),
               StatusIs(absl::StatusCode::kNotFound, ::testing::HasSubstr("/nonexistent/ports")));
 }
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/write.hpp>
 #include <boost/beast/core/buffers_to_string.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http/empty_body.hpp>
@@ -84,6 +84,12 @@ class SocketCall {
   bool SendText(const std::string& text) {
     socket_.text(true);
     return SendBytes(text);
+  }
+  // Bytes that are perhaps no WebSocket's.
+  void SendRaw(const std::string& bytes) {
+    boost::asio::write(socket_.next_layer(), boost::asio::buffer(bytes), error_);
+    boost::beast::error_code ignored;
+    socket_.next_layer().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
   }
   bool SendFrame(int64_t index, std::string bytes = "good") {
     v1::TrackRequest request;

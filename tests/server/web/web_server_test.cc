@@ -5,6 +5,7 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <random>
 #include <thread>
 #include <vector>
 
@@ -142,6 +143,24 @@ TEST_F(WebServerTest, AMessageThatIsTooLargeEndsTheConnection) {
   SocketCall call(port(), JpegConfig());
   call.SendBytes(std::string((16 << 20) + (2 << 20), 'x'));
   call.ReadToEnd();
+  AwaitNoSession(engine_);
+}
+
+// Frames with reserved bits, no mask, lengths beyond all bounds, fragments of nothing.
+TEST_F(WebServerTest, GarbageOnASocketEndsThatSocketAlone) {
+  SocketCall bystander(port(), JpegConfig());
+  std::mt19937 random(1);
+  for (int i = 0; i < 200; ++i) {
+    SocketCall call(port(), JpegConfig());
+    std::string bytes(std::uniform_int_distribution<size_t>(1, 200)(random), '\0');
+    for (char& byte : bytes) byte = static_cast<char>(random());
+    if (i % 2 == 0) bytes[0] = '\x82', bytes[1 % bytes.size()] = '\xff';  // a binary frame of 64 bits of length
+    call.SendRaw(bytes);
+    call.ReadToEnd();
+  }
+  bystander.SendFrames(3);
+  bystander.Finish();
+  EXPECT_EQ(bystander.ReadToEnd().summary().frames(), 3);
   AwaitNoSession(engine_);
 }
 
