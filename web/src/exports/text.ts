@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// Text files of tracks, byte for byte those of `holdfast track`.
+import type { Track } from "../tracks";
+import { framesOf, type Table } from "./table";
+
+/** As printf's %.3f: halves, which binary numbers hit exactly at odd sixteenths only, go to the even digit. */
+export function fixed3(value: number): string {
+  const sixteenths = value * 16;
+  if (!Number.isInteger(sixteenths) || sixteenths % 2 === 0) return value.toFixed(3);
+  const below = Math.floor(value * 1000);
+  const digits = ((below % 2 === 0 ? below : below + 1) / 1000).toFixed(3);
+  return digits === "0.000" && value < 0 ? "-0.000" : digits;
+}
+
+/** As printf's %g of what a frame rate can be. */
+const general = (value: number) => String(Number(value.toPrecision(6)));
+
+// A thousandth of a pixel; halves away from zero, and a number with a point, as the command line writes them.
+function rounded(value: number): string {
+  const thousandth = (Math.sign(value) * Math.round(Math.abs(value) * 1000)) / 1000;
+  const text = Object.is(thousandth, -0) ? "-0" : String(thousandth);
+  return /^-?\d+$/.test(text) ? `${text}.0` : text;
+}
+
+function jsonPoint(track: Track, frames: number): string {
+  const at = [...framesOf(track, frames)];
+  const list = (text: (frame: number) => string) => `[${at.map(text).join(",")}]`;
+  const fields = [
+    `"confidence":${list((t) => rounded(track.confidence(t)))}`,
+    `"frames":${list(String)}`,
+    `"id":${track.id}`,
+    `"name":${JSON.stringify(track.name)}`,
+    `"visible":${list((t) => String(track.visible(t)))}`,
+    `"xy":${list((t) => `[${rounded(track.x(t))},${rounded(track.y(t))}]`)}`,
+  ];
+  return `{${fields.join(",")}}`;
+}
+
+export function toJson(table: Table): string {
+  const { width, height, fps, frames, complete, finalFrames, expectedFrames } = table;
+  const head =
+    `{"width": ${width}, "height": ${height}, "fps": ${general(fps)}, "frames": ${frames}, ` +
+    `"complete": ${complete}, "final_frames": ${finalFrames}, "expected_frames": ${expectedFrames}, "points": [`;
+  const points = table.tracks.map((track) => `\n${jsonPoint(track, frames)}`);
+  return `${head}${points.join(",")}\n]}\n`;
+}
+
+export function toCsv(table: Table): string {
+  const lines = ["id,frame,x,y,visible,confidence"];
+  for (const track of table.tracks) {
+    for (const t of framesOf(track, table.frames)) {
+      const numbers = [fixed3(track.x(t)), fixed3(track.y(t)), track.visible(t) ? 1 : 0, fixed3(track.confidence(t))];
+      lines.push([track.id, t, ...numbers].join(","));
+    }
+  }
+  return `${lines.join("\n")}\n`;
+}
+
+// A field of a CSV file that may hold separators (RFC 4180).
+const quoted = (text: string) => (/[,"\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+
+// Columns are told apart by their names.
+function bodyParts(tracks: readonly Track[]): string[] {
+  const taken = new Set<string>();
+  return tracks.map((track) => {
+    let name = track.name || String(track.id);
+    while (taken.has(name)) name += `_${track.id}`;
+    taken.add(name);
+    return quoted(name);
+  });
+}
+
+/** DeepLabCut's table of one animal: a row a frame, and of each point x, y and likelihood. */
+export function toDeepLabCut(table: Table): string {
+  const row = (head: string, cells: (part: string) => string[]) => [head, ...bodyParts(table.tracks).flatMap(cells)];
+  const rows: (string | number)[][] = [
+    row("scorer", () => Array(3).fill("holdfast")),
+    row("bodyparts", (part) => Array(3).fill(part)),
+    row("coords", () => ["x", "y", "likelihood"]),
+  ];
+  for (let t = 0; t < table.frames; ++t) {
+    const cells = table.tracks.flatMap((track) =>
+      track.has(t) ? [track.x(t), track.y(t), track.confidence(t)].map(fixed3) : ["", "", ""]);
+    rows.push([t, ...cells]);
+  }
+  return rows.map((cells) => `${cells.join(",")}\n`).join("");
+}

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+import * as page from "./page";
+
+interface Key {
+  keys: string[]; // as KeyboardEvent.key says, with "Shift+" before
+  shown: string; // in the help
+  does: string;
+  run: () => void;
+}
+
+const { tracker } = page;
+const step = (frames: number) => () => tracker.show(tracker.shown.value + frames);
+
+/** Every key of the page, in the order of the help. */
+export const KEYS: Key[] = [
+  { keys: [" "], shown: "Space", does: "start, pause, go on; after a run: play", run: () => tracker.toggle() },
+  { keys: ["s"], shown: "S", does: "stop: no more frames, everything becomes final", run: () => tracker.stop() },
+  { keys: ["r"], shown: "R", does: "track again from the first frame", run: () => tracker.start() },
+  { keys: ["ArrowLeft"], shown: "←", does: "one frame back", run: step(-1) },
+  { keys: ["ArrowRight"], shown: "→", does: "one frame on", run: step(1) },
+  { keys: ["Shift+ArrowLeft"], shown: "Shift ←", does: "ten frames back", run: step(-10) },
+  { keys: ["Shift+ArrowRight"], shown: "Shift →", does: "ten frames on", run: step(10) },
+  { keys: ["Home"], shown: "Home", does: "the first frame", run: () => tracker.show(0) },
+  { keys: ["End"], shown: "End", does: "the newest frame, and those to come", run: () => tracker.follow() },
+  { keys: ["p"], shown: "P", does: "place points one by one", run: () => (page.tool.value = "point") },
+  { keys: ["b"], shown: "B", does: "brush points over an object", run: () => (page.tool.value = "brush") },
+  { keys: ["["], shown: "[", does: "a smaller brush", run: () => page.resizeBrush(1 / 1.25) },
+  { keys: ["]"], shown: "]", does: "a larger brush", run: () => page.resizeBrush(1.25) },
+  { keys: ["g"], shown: "G", does: "add a grid of points", run: page.addGrid },
+  { keys: ["n"], shown: "N", does: "select the next point", run: () => page.selectNext(1) },
+  { keys: ["Shift+N"], shown: "Shift N", does: "select the point before", run: () => page.selectNext(-1) },
+  { keys: ["Delete", "Backspace"], shown: "Del", does: "remove the selected point", run: page.removeSelected },
+  { keys: ["Escape"], shown: "Esc", does: "select nothing", run: () => (page.selected.value = null) },
+  { keys: ["c"], shown: "C", does: "colour by confidence, or by point", run: () => page.change({ confidence: !page.settings.value.confidence }) },
+  { keys: ["0"], shown: "0", does: "show the whole frame", run: () => void ++page.zoomReset.value },
+  { keys: ["d"], shown: "D", does: "dark or light", run: page.changeTheme },
+  { keys: ["?", "h"], shown: "?", does: "this help", run: () => (page.helpOpen.value = !page.helpOpen.value) },
+];
+
+const TYPING = "input, select, textarea, [contenteditable]";
+
+/** Lets keys do what they stand for, except where the user types or a control has its own use of them. */
+export function listenToKeys(): void {
+  addEventListener("keydown", (event) => {
+    const target = event.target as HTMLElement;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || target.closest(TYPING)) return;
+    if (document.querySelector("dialog[open]") && event.key !== "?") return;
+    if ((event.key === " " || event.key === "Enter") && target.closest("button, summary, a")) return;
+    const name = event.shiftKey && event.key.length > 1 ? `Shift+${event.key}` : event.key;
+    const key = KEYS.find(({ keys }) => keys.includes(name) || keys.includes(event.shiftKey ? `Shift+${name}` : name));
+    if (!key) return;
+    event.preventDefault();
+    key.run();
+  });
+}

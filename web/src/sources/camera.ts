@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+import { type Encoding, JpegEncoder, type Picture, sentSize, type Source } from "./source";
+
+/** Why there can be no camera, or null. */
+export function noCamera(): string | null {
+  if (!window.isSecureContext) return "Browsers give a camera to pages of https and localhost only.";
+  return navigator.mediaDevices ? null : "This browser gives no camera.";
+}
+
+/** A camera's newest frame, whenever one is asked for. */
+export async function openCamera(encoding: Encoding): Promise<Source> {
+  const stream = await navigator.mediaDevices.getUserMedia({
+    video: { width: { ideal: 1280 }, height: { ideal: 720 }, facingMode: "environment" },
+  });
+  const video = document.createElement("video");
+  video.muted = video.playsInline = true;
+  video.srcObject = stream;
+  await video.play();
+  const settings = stream.getVideoTracks()[0]!.getSettings();
+  return new Camera(stream, video, settings.frameRate ?? 30, encoding);
+}
+
+class Camera implements Source {
+  readonly label = "Camera";
+  readonly live = true;
+  readonly width: number;
+  readonly height: number;
+  readonly frames = null;
+  dropped = 0;
+  private readonly encoder: JpegEncoder;
+  private begin: number | null = null;
+  private shown = 0; // frames that the video has shown
+  private ended = false;
+  private wake: (() => void) | null = null;
+
+  constructor(
+    private readonly stream: MediaStream,
+    private readonly video: HTMLVideoElement,
+    readonly fps: number,
+    encoding: Encoding,
+  ) {
+    ({ width: this.width, height: this.height } = sentSize(video.videoWidth, video.videoHeight, encoding));
+    this.encoder = new JpegEncoder(this.width, this.height, encoding.quality);
+    for (const track of stream.getTracks()) track.onended = () => this.close(); // unplugged
+  }
+
+  async next(): Promise<Picture | null> {
+    const frame = await this.newFrame();
+    if (!frame) return null;
+    if (this.shown > 0) this.dropped += Math.max(0, frame.presentedFrames - this.shown - 1);
+    this.shown = frame.presentedFrames;
+    this.begin ??= frame.mediaTime;
+    return { jpeg: await this.encoder.encode(this.video), seconds: frame.mediaTime - this.begin };
+  }
+
+  close(): void {
+    this.ended = true;
+    for (const track of this.stream.getTracks()) track.stop();
+    this.video.srcObject = null;
+    this.wake?.();
+  }
+
+  private newFrame(): Promise<VideoFrameCallbackMetadata | null> {
+    return new Promise((resolve) => {
+      if (this.ended) return resolve(null);
+      this.wake = () => resolve(null);
+      this.video.requestVideoFrameCallback((_now, frame) => resolve(frame));
+    });
+  }
+}

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+import { type Encoding, JpegEncoder, type Picture, sentSize, type Source } from "./source";
+
+const FPS = 30; // as the command line takes for a directory of pictures
+
+/** Pictures as frames, in the order of their names. A JPEG that need not be shrunk is sent as it is, byte for byte. */
+export async function openPictures(files: readonly File[], encoding: Encoding): Promise<Source> {
+  const sorted = [...files].sort((a, b) => (a.name < b.name ? -1 : a.name > b.name ? 1 : 0));
+  if (sorted.length === 0) throw new Error("No pictures: choose .jpg or .png files.");
+  const first = await decode(sorted[0]!);
+  const given = { width: first.width, height: first.height };
+  first.close();
+  const sent = sentSize(given.width, given.height, encoding);
+  const encoder = new JpegEncoder(sent.width, sent.height, encoding.quality);
+  const asIs = sent.width === given.width;
+  let index = 0;
+
+  const next = async (): Promise<Picture | null> => {
+    const file = sorted[index];
+    if (!file) return null;
+    const bitmap = await decode(file);
+    try {
+      if (bitmap.width !== given.width || bitmap.height !== given.height) {
+        throw new Error(`${file.name} is ${bitmap.width}×${bitmap.height}, the first picture ${given.width}×${given.height}.`);
+      }
+      const jpeg = asIs && file.type === "image/jpeg" ? new Uint8Array(await file.arrayBuffer()) : await encoder.encode(bitmap);
+      return { jpeg, seconds: index++ / FPS };
+    } finally {
+      bitmap.close();
+    }
+  };
+  return {
+    label: `${sorted.length} pictures`,
+    live: false,
+    ...sent,
+    fps: FPS,
+    frames: sorted.length,
+    dropped: 0,
+    next,
+    close: () => {},
+  };
+}
+
+async function decode(file: File): Promise<ImageBitmap> {
+  try {
+    return await createImageBitmap(file);
+  } catch {
+    throw new Error(`${file.name} is not a picture that this browser reads.`);
+  }
+}

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+
+/** A frame as it is sent. */
+export interface Picture {
+  jpeg: Uint8Array<ArrayBuffer>;
+  seconds: number; // since the first frame
+}
+
+/** Where frames come from. They have one size, and are given one at a time. */
+export interface Source {
+  readonly label: string;
+  /** Does not wait: what is not asked for in time is dropped, and it ends only when it is told to. */
+  readonly live: boolean;
+  readonly width: number;
+  readonly height: number;
+  readonly fps: number; // as recorded, or as promised by a camera
+  readonly frames: number | null; // in all, where that is known
+  /** Frames that a live source had and nobody asked for. */
+  readonly dropped: number;
+  /** Null: it has ended. */
+  next(): Promise<Picture | null>;
+  close(): void;
+}
+
+/** How frames are made ready for sending. */
+export interface Encoding {
+  maxSide: number; // pixels of the longer side; larger frames are shrunk; 0: never
+  quality: number; // of JPEG, 0 .. 1
+}
+
+export function sentSize(width: number, height: number, { maxSide }: Encoding): { width: number; height: number } {
+  const factor = maxSide > 0 ? Math.min(1, maxSide / Math.max(width, height)) : 1;
+  const scaled = (side: number) => Math.max(1, Math.round(side * factor));
+  return { width: scaled(width), height: scaled(height) };
+}
+
+/** Makes JPEGs of one size. */
+export class JpegEncoder {
+  private readonly canvas: OffscreenCanvas;
+  private readonly context: OffscreenCanvasRenderingContext2D;
+
+  constructor(
+    width: number,
+    height: number,
+    private readonly quality: number,
+  ) {
+    this.canvas = new OffscreenCanvas(width, height);
+    this.context = this.canvas.getContext("2d", { alpha: false })!;
+    this.context.imageSmoothingQuality = "high";
+  }
+
+  async encode(image: CanvasImageSource): Promise<Uint8Array<ArrayBuffer>> {
+    this.context.drawImage(image, 0, 0, this.canvas.width, this.canvas.height);
+    const blob = await this.canvas.convertToBlob({ type: "image/jpeg", quality: this.quality });
+    return new Uint8Array(await blob.arrayBuffer());
+  }
+}

@@ -1,0 +1,432 @@
+// SPDX-License-Identifier: Apache-2.0
+import { batch, computed, signal } from "@preact/signals";
+import { Connection, type Link, type Observer, type World } from "./connection";
+import type { Table } from "./exports/table";
+import { Figures } from "./figures";
+import { FrameStore } from "./frames";
+import { Emit, FrameEncoding } from "./gen/holdfast/v1/point_tracking_pb";
+import { Points } from "./points";
+import { type Answer, SessionState } from "./session";
+import type { Settings } from "./settings";
+import type { Source } from "./sources/source";
+import { TrackStore } from "./tracks";
+import { makeConfig, type Run, type SessionAccepted } from "./wire";
+
+/**
+ * empty -> loading -> ready -> running <-> paused -> finishing -> done; failed from any of them. A run can begin anew
+ * from each that comes after ready.
+ */
+export type Phase = "empty" | "loading" | "ready" | "running" | "paused" | "finishing" | "done" | "failed";
+
+export interface Notice {
+  text: string;
+  bad: boolean;
+}
+
+const CHECKPOINT_FRAMES = 24; // between checkpoints
+
+/** Follows points through the frames of a source: what the user does, what the server says, and what there is to see. */
+export class Tracker implements Observer {
+  readonly phase = signal<Phase>("empty");
+  readonly link = signal<Link | null>(null);
+  readonly notice = signal<Notice | null>(null);
+  readonly source = signal<Source | null>(null);
+  readonly accepted = signal<SessionAccepted | null>(null);
+  readonly loaded = signal(0); // frames that are there to see
+  readonly sent = signal(0);
+  readonly processed = signal(0);
+  readonly final = signal(0);
+  readonly dropped = signal(0);
+  readonly shown = signal(-1); // the frame on the stage
+  readonly following = signal(true); // it is the newest one sent
+  readonly playing = signal(false); // through frames that were sent before
+  readonly revision = signal(0); // of points and tracks
+  /** Points were placed on frames that had been sent: they are followed when the run begins anew. */
+  readonly stale = signal(false);
+  readonly active = computed(() => ["running", "paused", "finishing"].includes(this.phase.value));
+
+  readonly frames = new FrameStore();
+  readonly points = new Points();
+  tracks = new TrackStore();
+  figures = new Figures();
+  private session: SessionState | null = null;
+  private connection: Connection | null = null;
+  private wakers: (() => void)[] = [];
+  private stopping = false;
+  private lastSent = -Infinity;
+
+  constructor(
+    private readonly world: World,
+    private readonly settings: () => Settings,
+  ) {}
+
+  // --- What the user does.
+
+  /** Takes another source, and shows its first frame. A live one starts at once. */
+  async load(open: () => Promise<Source>): Promise<void> {
+    this.close();
+    this.phase.value = "loading";
+    let source: Source | null = null;
+    try {
+      source = await open();
+      const picture = await source.next();
+      if (!picture) throw new Error(`${source.label} has no frames.`);
+      this.frames.add(picture.jpeg, picture.seconds);
+      await this.frames.bitmap(0);
+    } catch (error) {
+      source?.close();
+      this.phase.value = "empty";
+      this.fail(error);
+      return;
+    }
+    batch(() => {
+      this.source.value = source;
+      this.loaded.value = 1;
+      this.shown.value = 0;
+      this.phase.value = "ready";
+    });
+    if (source.live) this.start();
+  }
+
+  /** Begins a run, from the first frame on. */
+  start(): void {
+    if (!this.source.value || this.phase.value === "loading") return;
+    if (this.frames.first > 0) {
+      return this.say("The first frames of this run are not kept any more: it cannot begin anew.", true);
+    }
+    this.endSession();
+    this.playing.value = false;
+    this.tracks = new TrackStore();
+    this.figures = new Figures();
+    for (const point of this.points.all) {
+      this.tracks.seed(point.id, point.placed[0]!.frame).name = point.name;
+    }
+    this.session = new SessionState(this.config());
+    this.connection = new Connection(this.session, this.world, this);
+    batch(() => {
+      this.phase.value = "running";
+      this.sent.value = this.processed.value = this.final.value = 0;
+      this.stale.value = this.stopping = false;
+      this.follow();
+      this.touch();
+    });
+    this.connection.start();
+    void this.pump(this.session, this.connection);
+  }
+
+  /** Starts, pauses or goes on; after a run, plays what there is. */
+  toggle(): void {
+    const phase = this.phase.value;
+    if (phase === "ready" || phase === "failed") return this.start();
+    if (phase === "running") return this.pause();
+    if (phase === "paused") return this.goOn();
+    if (phase === "done") this.playing.value ? this.stopPlaying() : this.play();
+  }
+
+  pause(): void {
+    if (this.phase.value === "running") this.phase.value = "paused";
+  }
+
+  goOn(): void {
+    if (this.phase.value !== "paused") return;
+    this.phase.value = "running";
+    this.follow();
+    this.wake();
+  }
+
+  /** No more frames are sent; everything becomes final. */
+  stop(): void {
+    if (this.phase.value !== "running" && this.phase.value !== "paused") return;
+    this.stopping = true;
+    if (this.source.value?.live) this.source.value.close();
+    this.phase.value = "finishing";
+    this.wake();
+  }
+
+  retryNow(): void {
+    this.connection?.retryNow();
+  }
+
+  /** Places new points on the frame that is shown. */
+  add(positions: readonly { x: number; y: number }[]): number[] {
+    const frame = this.shown.value;
+    if (frame < 0 || !this.source.value) return [];
+    const most = this.accepted.value?.limits?.maxPoints ?? Infinity;
+    if (this.points.size + positions.length > most) {
+      this.say(`This server follows at most ${most} points in a session.`, true);
+      return [];
+    }
+    const seeds = positions.map((at) => this.points.add(frame, ...this.inside(at)));
+    for (const { id } of seeds) this.tracks.seed(id, frame);
+    this.tell(frame, seeds.map(({ id }) => id));
+    return seeds.map(({ id }) => id);
+  }
+
+  /** Says where a point is on the frame that is shown: it is followed from there on. */
+  place(id: number, at: { x: number; y: number }): void {
+    const frame = this.shown.value;
+    this.points.place(id, frame, ...this.inside(at));
+    if (frame >= this.sent.value - 1) this.tracks.seed(id, frame);
+    this.tell(frame, [id]);
+  }
+
+  remove(ids: readonly number[]): void {
+    for (const id of ids) {
+      this.points.remove(id);
+      this.tracks.remove(id);
+    }
+    if (this.sent.value > 0 && this.active.value && !this.stopping) {
+      this.session?.removePoints(ids);
+      this.connection?.flush();
+    }
+    this.touch();
+  }
+
+  rename(id: number, name: string): void {
+    const [point, track] = [this.points.get(id), this.tracks.get(id)];
+    if (point) point.name = name || String(id);
+    if (track) track.name = name || String(id);
+    this.touch();
+  }
+
+  /** Shows a frame that was there before. */
+  show(frame: number): void {
+    const newest = this.loaded.value - 1;
+    batch(() => {
+      this.stopPlaying();
+      this.shown.value = Math.min(Math.max(frame, this.frames.first), newest);
+      this.following.value = this.active.value && this.shown.value === this.sent.value - 1;
+    });
+  }
+
+  /** Shows the newest frame sent, and those to come. */
+  follow(): void {
+    this.stopPlaying();
+    this.following.value = true;
+    this.shown.value = Math.max(0, this.sent.value - 1);
+  }
+
+  say(text: string, bad = false): void {
+    this.notice.value = { text, bad };
+  }
+
+  /** What files of the tracks are made of. */
+  table(): Table {
+    const tracks = [...this.tracks.tracks];
+    const complete = this.phase.value === "done";
+    const frames = complete ? this.sent.value : Math.max(0, ...tracks.map((track) => track.end));
+    const { width = 0, height = 0, live = false, fps = 30 } = this.source.value ?? {};
+    const expectedFrames = complete ? frames : Math.max(this.source.value?.frames ?? 0, this.sent.value, frames);
+    const measured = live && Number.isFinite(this.frames.fps) ? this.frames.fps : fps;
+    const finalFrames = this.tracks.finalFrames(frames);
+    return { tracks, width, height, fps: measured, frames, complete, finalFrames, expectedFrames };
+  }
+
+  // --- What the server says.
+
+  onLink(link: Link): void {
+    this.link.value = link;
+    if (link.state === "ended" && link.problem) this.fail(new Error(link.problem.text));
+    this.wake();
+  }
+
+  onAccepted(accepted: SessionAccepted, resumed: boolean): void {
+    this.accepted.value = accepted;
+    if (resumed) this.say(`The session goes on at frame ${accepted.firstFrame}.`);
+    this.wake();
+  }
+
+  onAnswer(answer: Answer): void {
+    if (answer.kind === "tracks") this.takeTracks(answer.runs, answer.processed);
+    if (answer.kind === "warning") this.say(answer.text, true);
+    if (answer.kind === "goingAway") this.say(`The server is about to stop, in ${answer.seconds} s at the latest.`);
+    if (answer.kind === "summary") {
+      batch(() => {
+        this.phase.value = "done";
+        this.following.value = false;
+        this.source.value?.close();
+        this.touch();
+      });
+    }
+    this.wake();
+  }
+
+  private takeTracks(runs: Run[], processed: number): void {
+    const now = this.world.now();
+    this.tracks.apply(runs);
+    for (const run of runs) this.figures.answered(run.firstFrame, run.firstFrame + run.x.length - 1, now);
+    this.figures.processed(processed, now);
+    batch(() => {
+      this.processed.value = processed;
+      this.touch();
+    });
+  }
+
+  // --- Frames on their way.
+
+  private async pump(session: SessionState, connection: Connection): Promise<void> {
+    try {
+      while (await this.turn(session)) {
+        const frame = session.frames;
+        if (!(await this.fetch(frame))) break;
+        await this.keepPace(frame);
+        if (this.session !== session) return;
+        if (this.phase.value === "running") this.sendFrame(session, connection, frame);
+      }
+      if (this.session !== session || this.phase.value === "failed") return;
+      this.phase.value = "finishing";
+      session.finish();
+      connection.flush();
+    } catch (error) {
+      if (this.session !== session) return;
+      connection.stop();
+      this.fail(error);
+    }
+  }
+
+  // Waits until a frame may be sent. False: there is none to send any more.
+  private async turn(session: SessionState): Promise<boolean> {
+    const over = () => this.session !== session || this.stopping || this.phase.value === "failed";
+    while (!over() && !(this.phase.value === "running" && session.wantsFrame)) {
+      await new Promise<void>((resolve) => this.wakers.push(resolve));
+    }
+    return !over();
+  }
+
+  // The frame is in the store, with its bitmap at hand. False: the source has ended.
+  private async fetch(frame: number): Promise<boolean> {
+    while (this.frames.count <= frame) {
+      const source = this.source.value!;
+      const picture = await source.next();
+      if (source !== this.source.value || !picture) return false;
+      this.frames.add(picture.jpeg, picture.seconds);
+      batch(() => {
+        this.loaded.value = this.frames.count;
+        this.dropped.value = source.dropped;
+      });
+    }
+    await this.frames.bitmap(frame);
+    return true;
+  }
+
+  private async keepPace(frame: number): Promise<void> {
+    if (this.source.value?.live || this.settings().pace === "fastest" || frame === 0) return;
+    const due = this.lastSent + 1000 * (this.frames.seconds(frame) - this.frames.seconds(frame - 1));
+    const wait = due - this.world.now();
+    if (wait > 0) await new Promise<void>((resolve) => this.world.after(wait, resolve));
+  }
+
+  private sendFrame(session: SessionState, connection: Connection, frame: number): void {
+    const jpeg = this.frames.jpeg(frame);
+    if (!jpeg) return;
+    this.lastSent = this.world.now();
+    session.pushFrame(jpeg, this.points.seedsOn(frame));
+    connection.flush();
+    this.figures.sent(frame, this.lastSent);
+    batch(() => {
+      this.sent.value = session.frames;
+      if (this.following.value) this.shown.value = frame;
+    });
+  }
+
+  // Lets the session know of points on a frame: at once, with the frame that is yet to be sent, or not in this run.
+  private tell(frame: number, ids: number[]): void {
+    const newest = this.sent.value - 1;
+    const open = this.active.value && !this.stopping && this.phase.value !== "finishing";
+    if (frame === newest && open) {
+      this.session?.addPoints(this.points.seedsOn(frame).filter(({ id }) => ids.includes(id)));
+      this.connection?.flush();
+    } else if (frame <= newest) {
+      this.stale.value = true;
+    }
+    this.touch();
+  }
+
+  // --- Looking at what was.
+
+  private play(): void {
+    if (this.shown.value >= this.loaded.value - 1) this.shown.value = this.frames.first;
+    this.playing.value = true;
+    const step = (frame: number) => {
+      if (!this.playing.value || this.shown.value !== frame) return;
+      if (frame + 1 >= this.loaded.value) return this.stopPlaying();
+      const ms = 1000 * (this.frames.seconds(frame + 1) - this.frames.seconds(frame));
+      this.world.after(Math.max(4, ms), () => {
+        if (!this.playing.value || this.shown.value !== frame) return;
+        this.shown.value = frame + 1;
+        step(frame + 1);
+      });
+    };
+    step(this.shown.value);
+  }
+
+  private stopPlaying(): void {
+    this.playing.value = false;
+  }
+
+  // --- Beginnings and ends.
+
+  private config() {
+    const { size, hop, iterations, live, prior, polish } = this.settings();
+    const [width, height] = size.split("x").map(Number);
+    const choice = (word: string) => (word ? { value: word === "on" } : null);
+    return makeConfig({
+      encoding: FrameEncoding.JPEG,
+      processingSize: width && height ? { width, height } : undefined,
+      hopFrames: hop,
+      iterations,
+      label: "web page",
+      emit: live ? Emit.EVERY_FRAME : Emit.WINDOWS,
+      motionPrior: choice(prior)?.value,
+      polish: choice(polish)?.value,
+      checkpointIntervalFrames: CHECKPOINT_FRAMES,
+    });
+  }
+
+  private inside({ x, y }: { x: number; y: number }): [number, number] {
+    const { width, height } = this.source.value!;
+    return [Math.min(Math.max(x, 0), width - 1), Math.min(Math.max(y, 0), height - 1)];
+  }
+
+  private fail(error: unknown): void {
+    if (this.source.value) this.phase.value = "failed";
+    this.say(error instanceof Error ? error.message : String(error), true);
+    this.wake();
+  }
+
+  private touch(): void {
+    this.final.value = this.tracks.finalFrames(this.sent.value);
+    ++this.revision.value;
+  }
+
+  private wake(): void {
+    const wakers = this.wakers;
+    this.wakers = [];
+    for (const wake of wakers) wake();
+  }
+
+  private endSession(): void {
+    const connection = this.connection;
+    this.session = this.connection = null;
+    connection?.stop();
+    this.wake();
+  }
+
+  private close(): void {
+    this.endSession();
+    this.source.value?.close();
+    this.frames.clear();
+    this.points.clear();
+    this.tracks = new TrackStore();
+    this.figures = new Figures();
+    batch(() => {
+      this.source.value = this.link.value = this.accepted.value = this.notice.value = null;
+      this.loaded.value = this.sent.value = this.processed.value = this.dropped.value = 0;
+      this.stale.value = this.playing.value = false;
+      this.following.value = true;
+      this.shown.value = -1;
+      this.phase.value = "empty";
+      this.touch();
+    });
+  }
+}

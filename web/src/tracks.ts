@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+import type { Run } from "./wire";
+
+export interface Sample {
+  x: number; // pixels
+  y: number; // pixels
+  confidence: number; // 0 .. 1
+  visible: boolean;
+  final: boolean;
+}
+
+const PRESENT = 1;
+const FINAL = 2;
+const VISIBLE = 4;
+
+/** One point's life. Plain arrays of numbers, which grow by doubling: thousands of points are drawn from them. */
+export class Track {
+  name: string;
+  /** What is before this frame belongs to an earlier beginning of the point, and changes no more. */
+  seedFrame: number;
+  /** Frames from the first estimate to the newest. */
+  length = 0;
+  private xs = new Float32Array(64);
+  private ys = new Float32Array(64);
+  private confidences = new Float32Array(64);
+  private flags = new Uint8Array(64);
+  private finals = 0; // from seedFrame on, so many are final
+
+  constructor(
+    readonly id: number,
+    /** The point's place among those ever made, which gives it its colour. */
+    readonly order: number,
+    public start: number,
+  ) {
+    this.name = String(id);
+    this.seedFrame = start;
+  }
+
+  get end(): number {
+    return this.start + this.length;
+  }
+
+  /** No estimate before this frame will change. */
+  get finalEnd(): number {
+    return this.seedFrame + this.finals;
+  }
+
+  has(frame: number): boolean {
+    return frame >= this.start && frame < this.end && this.flags[frame - this.start] !== 0;
+  }
+
+  // Of frames that the track has.
+  x(frame: number): number {
+    return this.xs[frame - this.start]!;
+  }
+  y(frame: number): number {
+    return this.ys[frame - this.start]!;
+  }
+  confidence(frame: number): number {
+    return this.confidences[frame - this.start]!;
+  }
+  visible(frame: number): boolean {
+    return (this.flags[frame - this.start]! & VISIBLE) !== 0;
+  }
+  isFinal(frame: number): boolean {
+    return (this.flags[frame - this.start]! & FINAL) !== 0;
+  }
+
+  at(frame: number): Sample | null {
+    if (!this.has(frame)) return null;
+    const [x, y, confidence] = [this.x(frame), this.y(frame), this.confidence(frame)];
+    return { x, y, confidence, visible: this.visible(frame), final: this.isFinal(frame) };
+  }
+
+  /** The newest frame with an estimate at or before this one; -1: there is none. */
+  newest(frame: number): number {
+    for (let t = Math.min(frame, this.end - 1); t >= this.start; --t) if (this.has(t)) return t;
+    return -1;
+  }
+
+  /** The point begins anew on this frame; what was estimated from there on is void. */
+  reseed(frame: number): void {
+    this.seedFrame = frame;
+    this.finals = 0;
+    this.length = Math.max(0, Math.min(this.length, frame - this.start));
+    if (this.length === 0) this.start = frame;
+    this.flags.fill(0, this.length);
+  }
+
+  /** Takes estimates over. A provisional one never replaces a final one. */
+  apply(run: Run): void {
+    const first = run.firstFrame - this.start;
+    if (first < 0) return; // from before the point's first seed: never sent by a server
+    this.reserve(first + run.x.length);
+    for (let i = 0; i < run.x.length; ++i) {
+      const at = first + i;
+      const final = i < run.finalCount;
+      if (!final && this.flags[at]! & FINAL) continue;
+      this.xs[at] = run.x[i]!;
+      this.ys[at] = run.y[i]!;
+      this.confidences[at] = run.confidence[i]!;
+      this.flags[at] = PRESENT | (final ? FINAL : 0) | (run.visible[i] ? VISIBLE : 0);
+    }
+    this.length = Math.max(this.length, first + run.x.length);
+    while (this.finalEnd < this.end && this.isFinal(this.finalEnd)) ++this.finals;
+  }
+
+  private reserve(length: number): void {
+    if (length <= this.xs.length) return;
+    const size = Math.max(length, 2 * this.xs.length);
+    const grown = <T extends Float32Array | Uint8Array>(next: T, old: T): T => (next.set(old), next);
+    this.xs = grown(new Float32Array(size), this.xs);
+    this.ys = grown(new Float32Array(size), this.ys);
+    this.confidences = grown(new Float32Array(size), this.confidences);
+    this.flags = grown(new Uint8Array(size), this.flags);
+  }
+}
+
+/** The tracks of a session's points, in the order in which they were made. */
+export class TrackStore {
+  private byId = new Map<number, Track>();
+  private made = 0;
+
+  get tracks(): Iterable<Track> {
+    return this.byId.values();
+  }
+  get size(): number {
+    return this.byId.size;
+  }
+
+  get(id: number): Track | undefined {
+    return this.byId.get(id);
+  }
+
+  /** A point begins on this frame; a known one anew. */
+  seed(id: number, frame: number): Track {
+    let track = this.byId.get(id);
+    if (track) {
+      track.reseed(frame);
+    } else {
+      track = new Track(id, this.made++, frame);
+      this.byId.set(id, track);
+    }
+    return track;
+  }
+
+  remove(id: number): void {
+    this.byId.delete(id);
+  }
+
+  /** Points that were removed meanwhile are passed over. */
+  apply(runs: readonly Run[]): void {
+    for (const run of runs) this.byId.get(run.id)?.apply(run);
+  }
+
+  /** Estimates of frames 0 .. this - 1 are final, of so many frames in all. */
+  finalFrames(frames: number): number {
+    for (const track of this.byId.values()) frames = Math.min(frames, track.finalEnd);
+    return frames;
+  }
+}

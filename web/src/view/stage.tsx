@@ -1,0 +1,351 @@
+// SPDX-License-Identifier: Apache-2.0
+import { effect } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { type Position, spread } from "../brush";
+import { colorOf, type Look, paintPlaced, paintTracks } from "../draw";
+import * as page from "../page";
+
+const { tracker } = page;
+const REACH = 14; // CSS pixels around a point within which it is meant
+const MOVE = 4; // CSS pixels from which on a press is a drag
+const MOST_ZOOM = 12;
+
+/** What the pointer is doing. */
+type Gesture =
+  | { kind: "none" }
+  | { kind: "press"; id: number | null; from: Position } // on a point, or beside all
+  | { kind: "drag"; id: number }
+  | { kind: "stroke"; path: Position[] }
+  | { kind: "pan"; last: Position };
+
+/** The picture with everything on it. Positions are pixels of the frame, unless they are said to be on the canvas. */
+class StageCanvas {
+  private readonly context: CanvasRenderingContext2D;
+  private readonly picture = document.createElement("canvas"); // the frame that is shown
+  private readonly stops: (() => void)[] = [];
+  private gesture: Gesture = { kind: "none" };
+  private pointer: Position | null = null; // where it is, or the crosshair of the arrow keys
+  private crosshair = false;
+  private zoom = 1;
+  private center: Position = { x: 0.5, y: 0.5 }; // of what is seen, as shares of the frame
+  private painting = 0;
+
+  constructor(private readonly canvas: HTMLCanvasElement) {
+    this.context = canvas.getContext("2d")!;
+    const resize = new ResizeObserver(() => this.fit());
+    resize.observe(canvas);
+    this.stops.push(() => resize.disconnect());
+    this.stops.push(effect(() => void this.showFrame(tracker.shown.value, tracker.loaded.value)));
+    this.stops.push(effect(() => this.repaintFor(tracker.revision.value, page.selected.value, page.hovered.value,
+      page.settings.value, page.tool.value, page.brush.value)));
+    this.stops.push(effect(() => this.showWhole(page.zoomReset.value, tracker.source.value)));
+    this.listen();
+  }
+
+  close(): void {
+    cancelAnimationFrame(this.painting);
+    for (const stop of this.stops) stop();
+  }
+
+  // --- Painting.
+
+  private async showFrame(frame: number, _loaded: number): Promise<void> {
+    if (frame < 0) return;
+    const bitmap = await tracker.frames.bitmap(frame);
+    if (!bitmap || tracker.shown.value !== frame) return;
+    if (this.picture.width !== bitmap.width || this.picture.height !== bitmap.height) {
+      Object.assign(this.picture, { width: bitmap.width, height: bitmap.height });
+    }
+    this.picture.getContext("2d", { alpha: false })!.drawImage(bitmap, 0, 0);
+    this.canvas.dataset.frame = String(frame);
+    this.paintSoon();
+  }
+
+  private repaintFor(..._reasons: unknown[]): void {
+    this.paintSoon();
+  }
+
+  private showWhole(..._reasons: unknown[]): void {
+    this.zoom = 1;
+    this.center = { x: 0.5, y: 0.5 };
+    this.paintSoon();
+  }
+
+  private fit(): void {
+    const { clientWidth, clientHeight } = this.canvas;
+    const width = Math.round(clientWidth * devicePixelRatio);
+    const height = Math.round(clientHeight * devicePixelRatio);
+    if (this.canvas.width === width && this.canvas.height === height) return;
+    Object.assign(this.canvas, { width, height });
+    this.paint(); // at once: resizing has cleared it
+  }
+
+  private paintSoon(): void {
+    cancelAnimationFrame(this.painting);
+    this.painting = requestAnimationFrame(() => this.paint());
+  }
+
+  private paint(): void {
+    const { context, canvas, picture } = this;
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    if (!tracker.source.value || tracker.shown.value < 0) return;
+    const { scale, left, top } = this.view();
+    context.setTransform(1, 0, 0, 1, left, top);
+    context.imageSmoothingEnabled = scale < 4;
+    context.imageSmoothingQuality = "high";
+    context.drawImage(picture, 0, 0, picture.width * scale, picture.height * scale);
+    const { trail, confidence } = page.settings.value;
+    const [selected, hovered] = [page.selected.value, page.hovered.value];
+    const look: Look = { scale, unit: devicePixelRatio, trail, confidence, selected, hovered };
+    const tracks = this.gesture.kind === "drag" ? this.tracksWithout(this.gesture.id) : tracker.tracks.tracks;
+    paintTracks(context, tracks, tracker.shown.value, look);
+    this.paintPlacedPoints(look);
+    this.paintGesture(look);
+  }
+
+  private *tracksWithout(id: number) {
+    for (const track of tracker.tracks.tracks) if (track.id !== id) yield track;
+  }
+
+  private paintPlacedPoints(look: Look): void {
+    for (const { id, placed } of tracker.points.all) {
+      const track = tracker.tracks.get(id);
+      const here = placed.find(({ frame }) => frame === tracker.shown.value);
+      if (track && here && track.newest(here.frame) < 0) paintPlaced(this.context, here.x, here.y, colorOf(track), look);
+    }
+  }
+
+  private paintGesture(look: Look): void {
+    const { context, gesture, pointer } = this;
+    const at = (p: Position): [number, number] => [(p.x + 0.5) * look.scale, (p.y + 0.5) * look.scale];
+    if (gesture.kind === "drag" && pointer) {
+      const track = tracker.tracks.get(gesture.id);
+      if (track) paintPlaced(context, pointer.x, pointer.y, colorOf(track), look);
+    }
+    if (gesture.kind === "stroke") {
+      context.beginPath();
+      for (const p of gesture.path) context.lineTo(...at(p));
+      context.lineTo(...at(gesture.path.at(-1)!));
+      context.lineWidth = 2 * page.brush.value.radius * look.scale;
+      context.strokeStyle = "rgb(94 234 212 / 0.35)";
+      context.stroke();
+      const { radius, count } = page.brush.value;
+      for (const p of this.spreadOf(gesture.path, radius, count)) paintPlaced(context, p.x, p.y, "#5eead4", look);
+    }
+    if (pointer && page.tool.value === "brush" && gesture.kind !== "drag") {
+      context.beginPath();
+      context.arc(...at(pointer), page.brush.value.radius * look.scale, 0, 2 * Math.PI);
+      context.lineWidth = 1.5 * look.unit;
+      context.strokeStyle = "#fff";
+      context.stroke();
+    }
+    if (pointer && this.crosshair) this.paintCrosshair(...at(pointer), look.unit);
+  }
+
+  private paintCrosshair(x: number, y: number, unit: number): void {
+    const { context } = this;
+    for (const [style, width] of [["rgb(10 14 20 / 0.8)", 4], ["#fff", 1.6]] as const) {
+      context.beginPath();
+      for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]] as const) {
+        context.moveTo(x + 4 * unit * dx, y + 4 * unit * dy);
+        context.lineTo(x + 14 * unit * dx, y + 14 * unit * dy);
+      }
+      context.strokeStyle = style;
+      context.lineWidth = width * unit;
+      context.stroke();
+    }
+  }
+
+  // --- From the canvas to the frame.
+
+  /** Canvas pixels per pixel of the frame, and where the frame's corner lies on the canvas. */
+  private view(): { scale: number; left: number; top: number } {
+    const { width, height } = tracker.source.value!;
+    const [across, down] = [this.canvas.width, this.canvas.height];
+    const scale = Math.min(across / width, down / height) * this.zoom;
+    const place = (side: number, room: number, center: number) =>
+      side * scale <= room ? (room - side * scale) / 2
+        : Math.min(0, Math.max(room - side * scale, room / 2 - center * side * scale));
+    return { scale, left: place(width, across, this.center.x), top: place(height, down, this.center.y) };
+  }
+
+  private positionOf(event: MouseEvent): Position {
+    const box = this.canvas.getBoundingClientRect();
+    const { scale, left, top } = this.view();
+    const along = (client: number, edge: number, offset: number) => ((client - edge) * devicePixelRatio - offset) / scale - 0.5;
+    return { x: along(event.clientX, box.left, left), y: along(event.clientY, box.top, top) };
+  }
+
+  private isInside({ x, y }: Position): boolean {
+    const { width, height } = tracker.source.value!;
+    return x >= -0.5 && y >= -0.5 && x < width - 0.5 && y < height - 0.5;
+  }
+
+  /** CSS pixels as pixels of the frame. */
+  private reach(pixels: number): number {
+    return (pixels * devicePixelRatio) / this.view().scale;
+  }
+
+  private nearest(p: Position): number | null {
+    let [best, bestSquare] = [null as number | null, this.reach(REACH) ** 2];
+    for (const track of tracker.tracks.tracks) {
+      const at = track.newest(tracker.shown.value);
+      const placed = tracker.points.get(track.id)?.placed.find(({ frame }) => frame === tracker.shown.value);
+      if (at < 0 && !placed) continue;
+      const [x, y] = at < 0 ? [placed!.x, placed!.y] : [track.x(at), track.y(at)];
+      const square = (x - p.x) ** 2 + (y - p.y) ** 2;
+      if (square < bestSquare) [best, bestSquare] = [track.id, square];
+    }
+    return best;
+  }
+
+  private spreadOf(path: Position[], radius: number, count: number): Position[] {
+    const { width, height } = tracker.source.value!;
+    return spread(path, radius, count, width, height);
+  }
+
+  // --- Gestures.
+
+  private listen(): void {
+    const on = <K extends keyof HTMLElementEventMap>(type: K, call: (event: HTMLElementEventMap[K]) => void) => {
+      const guarded = (event: HTMLElementEventMap[K]) => {
+        if (tracker.source.value && tracker.shown.value >= 0) call(event);
+      };
+      this.canvas.addEventListener(type, guarded, { passive: false });
+      this.stops.push(() => this.canvas.removeEventListener(type, guarded));
+    };
+    on("pointerdown", (event) => this.press(event));
+    on("pointermove", (event) => this.move(event));
+    on("pointerup", (event) => this.release(event));
+    on("pointercancel", () => this.rest());
+    on("pointerleave", () => this.leave());
+    on("contextmenu", (event) => this.removeAt(event));
+    on("wheel", (event) => this.wheel(event));
+    on("keydown", (event) => this.key(event));
+    on("blur", () => this.leave());
+  }
+
+  private press(event: PointerEvent): void {
+    const at = this.positionOf(event);
+    this.crosshair = false;
+    this.pointer = at;
+    if (event.button === 1) {
+      event.preventDefault();
+      this.gesture = { kind: "pan", last: { x: event.clientX, y: event.clientY } };
+    } else if (event.button === 0 && this.isInside(at)) {
+      const brushing = page.tool.value === "brush" || event.shiftKey;
+      const id = brushing ? null : this.nearest(at);
+      if (id !== null) page.selected.value = id;
+      this.gesture = brushing ? { kind: "stroke", path: [at] } : { kind: "press", id, from: at };
+    }
+    if (this.gesture.kind !== "none") this.canvas.setPointerCapture(event.pointerId);
+    this.paintSoon();
+  }
+
+  private move(event: PointerEvent): void {
+    const at = this.positionOf(event);
+    const { gesture } = this;
+    this.crosshair = false;
+    this.pointer = at;
+    if (gesture.kind === "press" && gesture.id !== null && this.isAway(gesture.from, at)) {
+      this.gesture = { kind: "drag", id: gesture.id };
+    } else if (gesture.kind === "stroke" && Math.hypot(at.x - gesture.path.at(-1)!.x, at.y - gesture.path.at(-1)!.y) > 2) {
+      gesture.path.push(at);
+    } else if (gesture.kind === "pan") {
+      this.pan(event.clientX - gesture.last.x, event.clientY - gesture.last.y);
+      gesture.last = { x: event.clientX, y: event.clientY };
+    } else if (gesture.kind === "none") {
+      page.hovered.value = page.tool.value === "brush" ? null : this.nearest(at);
+    }
+    if (gesture.kind !== "none" || page.tool.value === "brush") this.paintSoon();
+  }
+
+  private release(event: PointerEvent): void {
+    const { gesture } = this;
+    const at = this.positionOf(event);
+    this.rest();
+    if (gesture.kind === "press" && gesture.id === null && !this.isAway(gesture.from, at)) {
+      page.selected.value = tracker.add([at])[0] ?? null;
+    } else if (gesture.kind === "drag" && this.isInside(at)) {
+      tracker.place(gesture.id, at);
+    } else if (gesture.kind === "stroke") {
+      tracker.add(this.spreadOf(gesture.path, page.brush.value.radius, page.brush.value.count));
+    }
+  }
+
+  private isAway(from: Position, to: Position): boolean {
+    return Math.hypot(to.x - from.x, to.y - from.y) > this.reach(MOVE);
+  }
+
+  private rest(): void {
+    this.gesture = { kind: "none" };
+    this.paintSoon();
+  }
+
+  private leave(): void {
+    if (this.gesture.kind !== "none") return;
+    this.pointer = page.hovered.value = null;
+    this.crosshair = false;
+    this.paintSoon();
+  }
+
+  private removeAt(event: MouseEvent): void {
+    event.preventDefault();
+    const id = this.nearest(this.positionOf(event));
+    if (id !== null) page.removePoint(id);
+    this.rest();
+  }
+
+  private wheel(event: WheelEvent): void {
+    event.preventDefault();
+    const at = this.positionOf(event);
+    const { width, height } = tracker.source.value!;
+    const before = this.zoom;
+    this.zoom = Math.min(MOST_ZOOM, Math.max(1, this.zoom * 1.0015 ** -event.deltaY));
+    const towards = 1 - before / this.zoom; // what is under the pointer stays there
+    this.center.x += ((at.x + 0.5) / width - this.center.x) * towards;
+    this.center.y += ((at.y + 0.5) / height - this.center.y) * towards;
+    this.paintSoon();
+  }
+
+  private pan(dx: number, dy: number): void {
+    const { width, height } = tracker.source.value!;
+    const { scale } = this.view();
+    this.center.x -= (dx * devicePixelRatio) / scale / width;
+    this.center.y -= (dy * devicePixelRatio) / scale / height;
+    this.paintSoon();
+  }
+
+  // The arrow keys move a crosshair while the stage has the focus; Enter is a click there.
+  private key(event: KeyboardEvent): void {
+    const direction = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    const { width, height } = tracker.source.value!;
+    const at = this.pointer ?? { x: (width - 1) / 2, y: (height - 1) / 2 };
+    if (direction) {
+      const step = event.shiftKey ? 1 : 10;
+      const moved = { x: at.x + step * direction[0]!, y: at.y + step * direction[1]! };
+      this.pointer = { x: Math.min(Math.max(moved.x, 0), width - 1), y: Math.min(Math.max(moved.y, 0), height - 1) };
+      this.crosshair = true;
+      page.hovered.value = this.nearest(this.pointer);
+    } else if (event.key === "Enter") {
+      const id = this.nearest(at);
+      page.selected.value = id ?? tracker.add([at])[0] ?? null;
+    } else {
+      return;
+    }
+    event.preventDefault();
+    this.paintSoon();
+  }
+}
+
+export function Stage() {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  useEffect(() => {
+    const stage = new StageCanvas(canvas.current!);
+    return () => stage.close();
+  }, []);
+  const points = (tracker.revision.value, tracker.points.size);
+  const name = `Frame ${tracker.shown.value}, ${points} points. Arrow keys move a crosshair, Enter places a point there.`;
+  return <canvas ref={canvas} class={`stage-canvas ${page.tool.value}`} tabIndex={0} role="application" aria-label={name} />;
+}

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+import { strToU8, unzipSync } from "fflate";
+import { expect, test } from "vitest";
+import { npyFile, toNpz } from "../../src/exports/npz";
+import type { Table } from "../../src/exports/table";
+import { fixed3, toCsv, toDeepLabCut, toJson } from "../../src/exports/text";
+import { TrackStore } from "../../src/tracks";
+
+/** Two points on three frames; the second begins on frame 1 and is hidden on frame 2. */
+function table(more: Partial<Table> = {}): Table {
+  const store = new TrackStore();
+  store.seed(7, 0).name = 'left "ear", inner';
+  store.seed(9, 1);
+  store.apply([
+    { id: 7, firstFrame: 0, x: [1, 1.25, 1.0625], y: [2, -0.0004, 300.1], visible: [true, true, true], confidence: [1, 0.5, 0.1239], finalCount: 3 },
+    { id: 9, firstFrame: 1, x: [4, 5], y: [6, 7], visible: [true, false], confidence: [0, 0.25], finalCount: 1 },
+  ]);
+  const size = { width: 640, height: 480, fps: 10, frames: 3 };
+  return { tracks: [...store.tracks], ...size, complete: false, finalFrames: 2, expectedFrames: 5, ...more };
+}
+
+test("three digits are those of printf, halves included", () => {
+  expect([0.0625, 0.1875, 1.0625, 2.5, 3, 100.9375].map(fixed3)).toEqual(["0.062", "0.188", "1.062", "2.500", "3.000", "100.938"]);
+  expect([-0.0625, -0.1875, -0.0001].map(fixed3)).toEqual(["-0.062", "-0.188", "-0.000"]);
+});
+
+test("JSON is that of the command line", () => {
+  expect(toJson(table())).toBe(
+    '{"width": 640, "height": 480, "fps": 10, "frames": 3, "complete": false, "final_frames": 2, "expected_frames": 5, "points": [\n' +
+      '{"confidence":[1.0,0.5,0.124],"frames":[0,1,2],"id":7,"name":"left \\"ear\\", inner","visible":[true,true,true],' +
+      '"xy":[[1.0,2.0],[1.25,-0.0],[1.063,300.1]]},\n' +
+      '{"confidence":[0.0,0.25],"frames":[1,2],"id":9,"name":"9","visible":[true,false],"xy":[[4.0,6.0],[5.0,7.0]]}\n]}\n',
+  );
+  expect(JSON.parse(toJson(table({ tracks: [] }))).points).toEqual([]);
+});
+
+test("CSV has a line a point and frame", () => {
+  expect(toCsv(table())).toBe(
+    "id,frame,x,y,visible,confidence\n7,0,1.000,2.000,1,1.000\n7,1,1.250,-0.000,1,0.500\n7,2,1.062,300.100,1,0.124\n" +
+      "9,1,4.000,6.000,1,0.000\n9,2,5.000,7.000,0,0.250\n",
+  );
+});
+
+test("DeepLabCut's table has a row a frame, and empty cells where nothing is known", () => {
+  const part = '"left ""ear"", inner"';
+  expect(toDeepLabCut(table())).toBe(
+    "scorer,holdfast,holdfast,holdfast,holdfast,holdfast,holdfast\n" +
+      `bodyparts,${part},${part},${part},9,9,9\ncoords,x,y,likelihood,x,y,likelihood\n` +
+      "0,1.000,2.000,1.000,,,\n1,1.250,-0.000,0.500,4.000,6.000,0.000\n2,1.062,300.100,0.124,5.000,7.000,0.250\n",
+  );
+});
+
+test("columns of points with the same name are told apart", () => {
+  const twins = table();
+  for (const track of twins.tracks) track.name = "ear";
+  expect(toDeepLabCut(twins).split("\n")[1]).toBe("bodyparts,ear,ear,ear,ear_9,ear_9,ear_9");
+});
+
+test("an array's header is padded to 64 bytes, and a tuple of one has its comma", () => {
+  const file = npyFile("<i8", [2], new BigInt64Array([1n, 2n]));
+  expect(file.length).toBe(128 + 16);
+  expect([...file.subarray(0, 10)]).toEqual([0x93, ...strToU8("NUMPY"), 1, 0, 118, 0]);
+  expect(new TextDecoder().decode(file.subarray(10, 128)).trimEnd()).toBe("{'descr': '<i8', 'fortran_order': False, 'shape': (2,), }");
+});
+
+test("npz has what `holdfast track` writes, with NaN where nothing is known", () => {
+  const files = unzipSync(toNpz(table()));
+  expect(Object.keys(files)).toEqual(["tracks", "visible", "confidence", "ids", "complete", "final_frames", "expected_frames"].map((name) => `${name}.npy`));
+  const data = files["tracks.npy"]!.slice(128);
+  const xy = new Float32Array(data.buffer);
+  expect([...xy.slice(6, 12)]).toEqual([NaN, NaN, 4, 6, 5, 7]);
+  expect([...files["visible.npy"]!.slice(128)]).toEqual([1, 1, 1, 0, 1, 0]);
+  expect([...new BigInt64Array(files["ids.npy"]!.slice(128).buffer)]).toEqual([7n, 9n]);
+  expect([...new BigInt64Array(files["expected_frames.npy"]!.slice(128).buffer)]).toEqual([5n]);
+});

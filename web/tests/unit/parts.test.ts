@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+import { expect, test } from "vitest";
+import { covers, grid, spread } from "../../src/brush";
+import { confidenceColor } from "../../src/draw";
+import { Figures, quantile } from "../../src/figures";
+import { DEFAULTS, formatSettings, parseSettings } from "../../src/settings";
+import { sentSize } from "../../src/sources/source";
+
+const STROKE = [{ x: 100, y: 100 }, { x: 200, y: 140 }];
+
+test("a stroke is filled evenly, inside of what it covers and of the frame", () => {
+  const points = spread(STROKE, 20, 16, 640, 480);
+  expect(points.length).toBeGreaterThan(11);
+  expect(points.length).toBeLessThanOrEqual(16);
+  expect(points.every((p) => covers(STROKE, 20, p))).toBe(true);
+  const gaps = points.map((p) => Math.min(...points.filter((q) => q !== p).map((q) => Math.hypot(p.x - q.x, p.y - q.y))));
+  expect(Math.min(...gaps)).toBeGreaterThan(10);
+});
+
+test("what a stroke covers outside of the frame gets no points", () => {
+  const points = spread([{ x: 0, y: 50 }], 30, 20, 640, 480);
+  expect(points.length).toBeGreaterThan(0);
+  expect(points.every(({ x }) => x >= 0)).toBe(true);
+  expect(spread([{ x: -90, y: 50 }], 30, 20, 640, 480)).toEqual([]);
+});
+
+test("a touch of the brush places one point at least, and one point is the middle's neighbour", () => {
+  const [point, ...more] = spread([{ x: 50, y: 60 }], 4, 1, 640, 480);
+  expect(more).toEqual([]);
+  expect(Math.hypot(point!.x - 50, point!.y - 60)).toBeLessThanOrEqual(4);
+});
+
+test("a grid fills the frame as the command line's does", () => {
+  const points = grid(12, 400, 300);
+  expect(points).toHaveLength(12);
+  expect(points[0]).toEqual({ x: 49.5, y: 49.5 });
+  expect(points.at(-1)).toEqual({ x: 349.5, y: 249.5 });
+});
+
+test("quantiles are by nearest rank", () => {
+  const values = [50, 10, 40, 20, 30];
+  expect([0.5, 0.95, 1].map((q) => quantile(values, q))).toEqual([30, 50, 50]);
+  expect(quantile([], 0.5)).toBeNaN();
+});
+
+test("a frame's latency ends with its first estimate", () => {
+  const figures = new Figures();
+  for (let t = 0; t < 4; ++t) figures.sent(t, 100 * t);
+  figures.answered(0, 1, 250);
+  figures.answered(0, 3, 450);
+  expect(figures.latencies).toEqual([[0, 250], [1, 150], [2, 250], [3, 150]]);
+  expect(figures.latency(0.5)).toBe(150);
+});
+
+test("the rate is that of the last seconds, and nothing once they are over", () => {
+  const figures = new Figures();
+  for (let i = 0; i <= 100; ++i) figures.processed(i < 50 ? i : 50 + 2 * (i - 50), 100 * i);
+  expect(figures.rate(10_000)).toBeCloseTo(20);
+  expect(figures.rate(20_000)).toBeNaN();
+});
+
+test("settings survive an address, and defaults are left out", () => {
+  const settings = { ...DEFAULTS, size: "256x192", hop: 4, live: false, pace: "fastest" as const };
+  expect(formatSettings(settings)).toBe("size=256x192&hop=4&live=0&pace=fastest");
+  expect(parseSettings(`#${formatSettings(settings)}`)).toEqual(settings);
+  expect(formatSettings(DEFAULTS)).toBe("");
+});
+
+test("an address that makes no sense changes nothing", () => {
+  expect(parseSettings("#size=big&hop=-1&pace=never&polish=maybe&unknown=1&quality=1e9")).toEqual(DEFAULTS);
+});
+
+test("large frames are shrunk to their longest side", () => {
+  expect(sentSize(1920, 1080, { maxSide: 1024, quality: 0.9 })).toEqual({ width: 1024, height: 576 });
+  expect(sentSize(640, 480, { maxSide: 1024, quality: 0.9 })).toEqual({ width: 640, height: 480 });
+  expect(sentSize(1920, 1080, { maxSide: 0, quality: 0.9 })).toEqual({ width: 1920, height: 1080 });
+});
+
+test("confidence is told by colour from one end of the scale to the other", () => {
+  expect(confidenceColor(0)).toBe("rgb(197 42 84)");
+  expect(confidenceColor(1)).toBe("rgb(120 222 196)");
+  expect(confidenceColor(7)).toBe(confidenceColor(1));
+});

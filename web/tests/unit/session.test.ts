@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+import { expect, test } from "vitest";
+import { SessionState } from "../../src/session";
+import { makeConfig, type SessionAccepted } from "../../src/wire";
+import { accepted, checkpoint, nameOf, request, response, run, tracks } from "./support";
+
+const JPEG = new Uint8Array(100);
+
+function begun(more: object = {}, bufferBytes?: number): SessionState {
+  const session = new SessionState(makeConfig({}), bufferBytes);
+  begin(session, more);
+  return session;
+}
+
+function begin(session: SessionState, more: object = {}): boolean {
+  return session.begin(accepted(more).response.value as SessionAccepted);
+}
+
+function leaving(session: SessionState): string[] {
+  const names = [];
+  for (let bytes; (bytes = session.takeMessage()); ) names.push(nameOf(bytes));
+  return names;
+}
+
+/** Frames that a source that is never short of them can give before the session wants no more. */
+function fill(session: SessionState): string[] {
+  const names = [];
+  while (session.wantsFrame) {
+    session.pushFrame(JPEG, []);
+    names.push(...leaving(session));
+  }
+  return names;
+}
+
+test("no frame is wanted before a server has taken the session", () => {
+  expect(new SessionState(makeConfig({})).wantsFrame).toBe(false);
+  expect(begun().wantsFrame).toBe(true);
+});
+
+test("frames are hop + 4 ahead of those that were processed, never more", () => {
+  const session = begun();
+  expect(fill(session)).toHaveLength(12);
+  session.take(tracks(3));
+  expect(fill(session)).toEqual(["frame 12", "frame 13", "frame 14"]);
+});
+
+test("points go with their frame, or on the newest one, in the order in which they were placed", () => {
+  const session = begun();
+  session.pushFrame(JPEG, [{ id: 7, x: 1.5, y: 2 }]);
+  session.addPoints([{ id: 8, x: 3, y: 4 }]);
+  session.removePoints([7]);
+  session.finish();
+  session.finish();
+  const first = request(session.takeMessage()!);
+  expect(first.case === "frame" && first.value.points).toMatchObject([{ id: 7n, x: 1.5, y: 2 }]);
+  expect(leaving(session)).toEqual(["addPoints", "removePoints", "finish"]);
+  expect(session.wantsFrame).toBe(false);
+});
+
+test("the first server's choices are kept for the next one", () => {
+  const session = begun({ hopFrames: 12, iterations: 3, polish: true });
+  expect(request(session.opening()).value).toMatchObject({ hopFrames: 12, iterations: 3, polish: true });
+});
+
+test("a session goes on with its newest checkpoint, and sends what came since again", () => {
+  const session = begun();
+  fill(session);
+  session.take(tracks(12));
+  session.addPoints([{ id: 9, x: 1, y: 1 }]); // on frame 11
+  expect(leaving(session)).toEqual(["addPoints"]);
+  fill(session);
+  expect(session.take(checkpoint(12, "newest"))).toEqual({ kind: "checkpoint", nextFrame: 12, resumable: true });
+  const opening = request(session.opening());
+  expect(opening.case === "config" && new TextDecoder().decode(opening.value.resumeToken)).toBe("newest");
+  expect(begin(session, { firstFrame: 12n })).toBe(true);
+  expect(leaving(session)).toEqual([12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23].map((t) => `frame ${t}`));
+});
+
+test("frames that are sent again keep to the pace of the server that takes them", () => {
+  const session = begun();
+  for (let processed = 0; processed < 30; processed += 5) {
+    session.take(tracks(processed));
+    fill(session);
+  }
+  begin(session, { firstFrame: 0n });
+  expect(leaving(session)).toHaveLength(12);
+  expect(session.wantsFrame).toBe(false);
+  expect(session.processed).toBe(25);
+});
+
+test("final estimates come once, however often servers repeat them", () => {
+  const session = begun();
+  session.take(tracks(12, [run(1, 0, 12, 5)]));
+  begin(session);
+  const answer = session.take(tracks(12, [run(1, 0, 12, 8), run(2, 0, 3, 1)]));
+  expect(answer.kind === "tracks" && answer.runs).toEqual([run(1, 5, 7, 3), run(2, 0, 3, 1)]);
+  const finals = session.take(tracks(12, [run(1, 0, 5, 5)]));
+  expect(finals.kind === "tracks" && finals.runs).toEqual([]);
+});
+
+test("without a loss, estimates are handed on as they are", () => {
+  const session = begun();
+  session.take(tracks(12, [run(1, 0, 12, 5)]));
+  const again = session.take(tracks(12, [run(1, 3, 9, 4)]));
+  expect(again.kind === "tracks" && again.runs).toEqual([run(1, 3, 9, 4)]);
+});
+
+test("a session that outgrew its checkpoints says so, and keeps nothing", () => {
+  const session = begun();
+  fill(session);
+  expect(session.take(checkpoint(4, "")).kind).toBe("warning");
+  expect(session.replay.keeps).toBe(false);
+  expect(session.take(checkpoint(5)).kind).toBe("nothing");
+});
+
+test("a server without checkpoints is not kept for", () => {
+  expect(begun({ replayFrames: 0 }).replay.keeps).toBe(false);
+});
+
+test("a full buffer waits for a checkpoint where one can make room, and does without where none can", () => {
+  const waiting = begun({ replayFrames: 1, checkpointIntervalFrames: 1 }, 350);
+  expect(fill(waiting)).toHaveLength(4);
+  expect(waiting.wantsFrame).toBe(false);
+  waiting.take(checkpoint(3));
+  expect(waiting.wantsFrame).toBe(true);
+  const small = begun({ replayFrames: 30 }, 350);
+  expect(fill(small)).toHaveLength(12);
+  expect(small.replay.keeps).toBe(false);
+});
+
+test("the end, and warnings, are told in words", () => {
+  const session = begun();
+  const status = { code: 3, message: "frame 4 does not decode", details: [] };
+  expect(session.take(response({ case: "error", value: status }))).toEqual({
+    kind: "error",
+    problem: { code: 3, text: "frame 4 does not decode" },
+  });
+  expect(session.take(response({ case: "warning", value: status }))).toEqual({ kind: "warning", text: status.message });
+  expect(session.take(response({ case: "goingAway", value: { timeLeft: { seconds: 20n, nanos: 0 } } }))).toEqual({
+    kind: "goingAway",
+    seconds: 20,
+  });
+  expect(session.take(response({ case: "summary", value: {} }))).toEqual({ kind: "summary" });
+  expect(session.take(response({ case: undefined }))).toEqual({ kind: "nothing" });
+});

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+import { beforeAll, expect, test, vi } from "vitest";
+import { DEFAULTS } from "../../src/settings";
+import type { Picture, Source } from "../../src/sources/source";
+import { Tracker } from "../../src/tracker";
+import { accepted, FakeWorld, request, response, run, tracks } from "./support";
+
+beforeAll(() => vi.stubGlobal("createImageBitmap", async () => ({ close: () => {} })));
+
+/** Frames of one byte, 10 a second. */
+class FakeSource implements Source {
+  readonly label = "fake";
+  readonly width = 640;
+  readonly height = 480;
+  readonly fps = 10;
+  readonly dropped = 0;
+  given = 0;
+  closed = false;
+
+  constructor(
+    private readonly count: number,
+    readonly live = false,
+  ) {}
+
+  get frames(): number | null {
+    return this.live ? null : this.count;
+  }
+  async next(): Promise<Picture | null> {
+    if (this.closed || this.given === this.count) return null;
+    return { jpeg: new Uint8Array([this.given]), seconds: this.given++ / 10 };
+  }
+  close(): void {
+    this.closed = true;
+  }
+}
+
+const settled = async () => {
+  for (let i = 0; i < 200; ++i) await Promise.resolve();
+};
+
+async function loaded(source: Source): Promise<{ tracker: Tracker; world: FakeWorld }> {
+  const world = new FakeWorld();
+  const tracker = new Tracker(world, () => ({ ...DEFAULTS, pace: "fastest" }));
+  await tracker.load(async () => source);
+  return { tracker, world };
+}
+
+async function accept(world: FakeWorld, more: object = {}): Promise<void> {
+  world.socket.open();
+  world.socket.say(accepted(more));
+  await settled();
+}
+
+test("a source shows its first frame, and waits for the user", async () => {
+  const { tracker, world } = await loaded(new FakeSource(5));
+  expect(tracker.phase.value).toBe("ready");
+  expect(tracker.shown.value).toBe(0);
+  expect(world.sockets).toEqual([]);
+});
+
+test("a whole video goes to the server, with the points on their frame, and ends with everything final", async () => {
+  const { tracker, world } = await loaded(new FakeSource(3));
+  tracker.add([{ x: 10, y: 20 }, { x: 700, y: -3 }]);
+  tracker.start();
+  await accept(world);
+  expect(world.socket.names).toEqual(["config", "frame 0", "frame 1", "frame 2", "finish"]);
+  const first = request(world.socket.sent[1]!);
+  const inside = [{ id: 1n, x: 10, y: 20 }, { id: 2n, x: 639, y: 0 }];
+  expect(first.case === "frame" && first.value.points).toMatchObject(inside);
+  world.socket.say(tracks(3, [run(1, 0, 3, 3), run(2, 0, 3, 3)]));
+  world.socket.say(response({ case: "summary", value: {} }));
+  expect(tracker.phase.value).toBe("done");
+  expect(tracker.table()).toMatchObject({ frames: 3, complete: true, finalFrames: 3, expectedFrames: 3 });
+});
+
+test("points that are placed while it runs begin on the newest frame sent", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.start();
+  await accept(world);
+  expect(tracker.shown.value).toBe(11);
+  const [id] = tracker.add([{ x: 1, y: 2 }]);
+  tracker.place(id!, { x: 3, y: 4 });
+  tracker.remove([id!]);
+  expect(world.socket.names.slice(-4)).toEqual(["frame 11", "addPoints", "addPoints", "removePoints"]);
+  expect(tracker.stale.value).toBe(false);
+});
+
+test("a pause sends nothing, and going on follows the newest frame", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.start();
+  await accept(world);
+  tracker.toggle();
+  world.socket.say(tracks(12));
+  await settled();
+  expect(world.socket.names.at(-1)).toBe("frame 11");
+  tracker.show(3);
+  tracker.toggle();
+  await settled();
+  expect(world.socket.names.at(-1)).toBe("frame 23");
+  expect(tracker.shown.value).toBe(23);
+});
+
+test("a point on an earlier frame is followed when the run begins anew, on that frame", async () => {
+  const { tracker, world } = await loaded(new FakeSource(5));
+  tracker.start();
+  await accept(world);
+  tracker.show(2);
+  tracker.add([{ x: 5, y: 6 }]);
+  expect(tracker.stale.value).toBe(true);
+  expect(world.socket.names).not.toContain("addPoints");
+  tracker.start();
+  await accept(world);
+  expect(tracker.stale.value).toBe(false);
+  const third = request(world.socket.sent[3]!);
+  expect(third.case === "frame" && third.value).toMatchObject({ index: 2n, points: [{ id: 1n, x: 5, y: 6 }] });
+  expect(world.socket.names).toEqual(["config", "frame 0", "frame 1", "frame 2", "frame 3", "frame 4", "finish"]);
+});
+
+test("a correction on an earlier frame leaves the estimates of this run alone", async () => {
+  const { tracker, world } = await loaded(new FakeSource(5));
+  const [id] = tracker.add([{ x: 1, y: 1 }]);
+  tracker.start();
+  await accept(world);
+  world.socket.say(tracks(5, [run(1, 0, 5, 5)]));
+  tracker.show(2);
+  tracker.place(id!, { x: 50, y: 60 });
+  expect(tracker.stale.value).toBe(true);
+  expect(tracker.tracks.get(id!)!.at(4)!.x).toBe(4);
+  expect(tracker.points.get(id!)!.placed.map(({ frame }) => frame)).toEqual([0, 2]);
+});
+
+test("a camera starts at once, and stopping it makes everything final", async () => {
+  const source = new FakeSource(1000, true);
+  const { tracker, world } = await loaded(source);
+  await accept(world);
+  expect(tracker.phase.value).toBe("running");
+  tracker.stop();
+  await settled();
+  expect(source.closed).toBe(true);
+  expect(world.socket.names.at(-1)).toBe("finish");
+});
+
+test("a file keeps the pace at which it was recorded", async () => {
+  const world = new FakeWorld();
+  const tracker = new Tracker(world, () => DEFAULTS);
+  await tracker.load(async () => new FakeSource(100));
+  tracker.start();
+  await accept(world);
+  expect(world.socket.names.at(-1)).toBe("frame 0");
+  for (let i = 0; i < 5; ++i) {
+    world.pass(100);
+    await settled();
+  }
+  expect(world.socket.names.at(-1)).toBe("frame 5");
+});
+
+test("after a loss the page says where the session goes on, and the run ends as if nothing had been", async () => {
+  const { tracker, world } = await loaded(new FakeSource(3));
+  tracker.start();
+  await accept(world);
+  world.socket.break();
+  expect(tracker.link.value!.state).toBe("waiting");
+  world.pass(100);
+  await accept(world);
+  expect(tracker.notice.value!.text).toContain("goes on at frame 0");
+  expect(world.socket.names).toEqual(["config", "frame 0", "frame 1", "frame 2", "finish"]);
+});
+
+test("an error of the server ends the run, and says why", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.start();
+  await accept(world);
+  world.socket.say(response({ case: "error", value: { code: 8, message: "too many points", details: [] } }));
+  await settled();
+  expect(tracker.phase.value).toBe("failed");
+  expect(tracker.notice.value).toEqual({ text: "too many points", bad: true });
+});
+
+test("more points than the server takes are refused here", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.start();
+  await accept(world, { limits: { maxPoints: 2 } });
+  expect(tracker.add([{ x: 1, y: 1 }, { x: 2, y: 2 }, { x: 3, y: 3 }])).toEqual([]);
+  expect(tracker.points.size).toBe(0);
+  expect(tracker.notice.value!.text).toContain("at most 2 points");
+});
+
+test("a source that cannot be opened leaves nothing behind", async () => {
+  const tracker = new Tracker(new FakeWorld(), () => DEFAULTS);
+  await tracker.load(() => Promise.reject(new Error("no camera")));
+  expect(tracker.phase.value).toBe("empty");
+  expect(tracker.notice.value).toEqual({ text: "no camera", bad: true });
+  tracker.start();
+  expect(tracker.phase.value).toBe("empty");
+});
+
+test("after the run it plays from the beginning, at the recorded pace", async () => {
+  const { tracker, world } = await loaded(new FakeSource(3));
+  tracker.start();
+  await accept(world);
+  world.socket.say(response({ case: "summary", value: {} }));
+  tracker.toggle();
+  expect(tracker.shown.value).toBe(0);
+  world.pass(100);
+  expect(tracker.shown.value).toBe(1);
+  world.pass(500);
+  expect(tracker.shown.value).toBe(2);
+  expect(tracker.playing.value).toBe(false);
+});

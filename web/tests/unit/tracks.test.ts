@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+import { expect, test } from "vitest";
+import { shownFrames, stretches } from "../../src/lanes";
+import { Points } from "../../src/points";
+import { TrackStore } from "../../src/tracks";
+import { run } from "./support";
+
+function storeWith(...ids: number[]): TrackStore {
+  const store = new TrackStore();
+  for (const id of ids) store.seed(id, 0);
+  return store;
+}
+
+test("runs join into tracks, and final estimates stay", () => {
+  const store = storeWith(1);
+  store.apply([run(1, 0, 4, 2)]);
+  store.apply([run(1, 0, 6, 0, 100)]); // would revise everything
+  const track = store.get(1)!;
+  expect([0, 1, 2, 5].map((t) => track.at(t)!.x)).toEqual([0, 1, 102, 105]);
+  expect(track.at(1)).toEqual({ x: 1, y: 2, confidence: 0.5, visible: true, final: true });
+  expect(track.at(2)!.final).toBe(false);
+  expect(track.at(6)).toBeNull();
+  expect(track.finalEnd).toBe(2);
+});
+
+test("tracks grow over any number of frames", () => {
+  const store = storeWith(1);
+  for (let first = 0; first < 1000; first += 10) store.apply([run(1, first, 10, 10)]);
+  expect(store.get(1)!.at(999)!.x).toBe(999);
+  expect(store.get(1)!.finalEnd).toBe(1000);
+});
+
+test("a gap is no estimate", () => {
+  const store = storeWith(1);
+  store.apply([run(1, 0, 2), run(1, 4, 2)]);
+  const track = store.get(1)!;
+  expect(track.has(3)).toBe(false);
+  expect(track.newest(3)).toBe(1);
+  expect(track.newest(99)).toBe(5);
+});
+
+test("a point that begins anew keeps what was before, and nothing after", () => {
+  const store = storeWith(1);
+  store.apply([run(1, 0, 10, 6)]);
+  store.seed(1, 8);
+  const track = store.get(1)!;
+  expect(track.has(7)).toBe(true);
+  expect(track.has(8)).toBe(false);
+  expect(track.finalEnd).toBe(8);
+  store.apply([run(1, 8, 3, 1, 50)]);
+  expect(track.at(8)!.x).toBe(58);
+  expect(track.finalEnd).toBe(9);
+});
+
+test("late results of a removed point meet nobody", () => {
+  const store = storeWith(1, 2);
+  store.remove(1);
+  store.apply([run(1, 0, 3), run(2, 0, 3)]);
+  expect([...store.tracks].map(({ id }) => id)).toEqual([2]);
+});
+
+test("the slowest point says how far frames are final", () => {
+  const store = storeWith(1, 2);
+  store.seed(3, 30);
+  store.apply([run(1, 0, 20, 12), run(2, 0, 20, 9)]);
+  expect(store.finalFrames(40)).toBe(9);
+  store.remove(2);
+  expect(store.finalFrames(40)).toBe(12);
+  expect(storeWith().finalFrames(40)).toBe(40);
+});
+
+test("ids of removed points are not given again", () => {
+  const points = new Points();
+  points.remove(points.add(0, 1, 1).id);
+  expect(points.add(0, 2, 2).id).toBe(2);
+});
+
+test("a point is sent with every frame on which it was placed, once", () => {
+  const points = new Points();
+  const { id } = points.add(5, 1, 1);
+  points.place(id, 2, 3, 3);
+  points.place(id, 5, 4, 4);
+  expect(points.seedsOn(2)).toEqual([{ id, x: 3, y: 3 }]);
+  expect(points.seedsOn(5)).toEqual([{ id, x: 4, y: 4 }]);
+  expect(points.seedsOn(3)).toEqual([]);
+  expect(points.get(id)!.placed.map(({ frame }) => frame)).toEqual([2, 5]);
+});
+
+test("a lane is cut where its look changes", () => {
+  const store = storeWith(1);
+  const hidden = { ...run(1, 0, 6, 3), visible: [true, true, false, false, false, true] };
+  store.apply([hidden, run(1, 8, 1)]);
+  const look = (first: number, last: number, visible: boolean, final: boolean) => ({ first, last, visible, final });
+  expect(stretches(store.get(1)!, 0, 99)).toEqual([
+    look(0, 1, true, true),
+    look(2, 2, false, true),
+    look(3, 4, false, false),
+    look(5, 5, true, false),
+    look(8, 8, true, false),
+  ]);
+  expect(stretches(store.get(1)!, 1, 2)).toEqual([look(1, 1, true, true), look(2, 2, false, true)]);
+});
+
+test("a timeline shows all of a file, and the newest of an endless camera", () => {
+  expect(shownFrames(3, 160, 1000)).toEqual({ from: 0, to: 159 });
+  expect(shownFrames(3, null, 1000)).toEqual({ from: 0, to: 47 });
+  expect(shownFrames(5000, null, 1000)).toEqual({ from: 4000, to: 4999 });
+});
