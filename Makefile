@@ -13,7 +13,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps tools configure build test dist packages wheel demo web bench train-small format lint sanitize fuzz clean
+.PHONY: help deps tools configure build test dist packages wheel demo web web-page web-check bench train-small format lint sanitize fuzz clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -58,6 +58,12 @@ wheel: ## make the Python client's wheel in out/python/dist
 	/usr/bin/python3 python/stage.py out/python
 	cd out/python && /usr/bin/python3 -m build --wheel --no-isolation --skip-dependency-check > build.log || { cat build.log; exit 1; }
 	ls out/python/dist
+
+web-page: ## make the browser page web/dist anew (needs Node.js 20 and npm)
+	web/check.sh build
+
+web-check: ## hold web/dist against its sources, and test the page, in Chromium where a server is built
+	web/check.sh
 
 demo: configure ## track a real video through the server; the result lies in out/demo
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast-server holdfast

@@ -142,7 +142,9 @@ export class Connection {
     const problem = this.ending;
     const idle = this.open && problem?.code === Code.DEADLINE_EXCEEDED;
     this.letGo();
-    if (!this.begun) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: "No server answers there." });
+    // Browsers do not tell what an answer without a socket was.
+    const refused = "No connection to the server: it is away, wants a token, or does not know this page's address.";
+    if (!this.begun) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: refused });
     if (!this.session.replay.keeps) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: `Lost: ${why}.` });
     if (idle) return this.park();
     const temporary = !problem || problem.code === Code.UNAVAILABLE || problem.retryAfterMs !== undefined;

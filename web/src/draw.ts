@@ -4,7 +4,7 @@ import type { Track } from "./tracks";
 /** How tracks are painted over a frame. */
 export interface Look {
   scale: number; // canvas pixels per pixel of the frame
-  unit: number; // canvas pixels; a disc's radius is 4.5 of them
+  unit: number; // canvas pixels; a disc's radius is 5 of them
   trail: number; // frames
   confidence: boolean; // colour tells confidence, not the point
   selected: number | null;
@@ -15,7 +15,8 @@ type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D;
 
 const GOLDEN_RATIO = 0.6180339887498949;
 const BANDS = 6; // steps in which a trail fades
-const HELD_FRAMES = 48; // for so long a point without a newer estimate is shown where it was
+const HELD_FRAMES = 48; // for so long a point without a newer estimate is shown where it was,
+const DIMMED_AFTER = 12; // and paler when it is older than what the network is usually behind
 const DARK = "rgb(10 14 20 / 0.75)";
 // From no confidence to full: told apart in grey and by all kinds of colour vision.
 const RAMP: [number, number, number][] = [[197, 42, 84], [232, 106, 52], [245, 178, 60], [214, 226, 117], [120, 222, 196]];
@@ -50,7 +51,8 @@ const strokeOf = (track: Track, frame: number, look: Look) =>
 
 function paintTrail(context: Context, track: Track, frame: number, look: Look): void {
   const begin = Math.max(track.start, frame - look.trail);
-  context.lineWidth = (look.selected === track.id ? 2.6 : 1.8) * look.unit;
+  frame = Math.min(frame, track.end - 1); // the newest part is where the estimates end
+  context.lineWidth = (look.selected === track.id ? 3 : 2.2) * look.unit;
   for (let band = 0; band < BANDS; ++band) {
     const from = Math.max(begin, frame - look.trail + Math.round((look.trail * band) / BANDS));
     const to = Math.min(track.end - 1, frame - look.trail + Math.round((look.trail * (band + 1)) / BANDS));
@@ -80,9 +82,9 @@ function paintPoint(context: Context, track: Track, frame: number, look: Look): 
   const at = track.newest(frame);
   if (at < 0 || frame - at > HELD_FRAMES) return;
   const [x, y] = [placed(track.x(at), look), placed(track.y(at), look)];
-  const [radius, color] = [4.5 * look.unit, strokeOf(track, at, look)];
+  const [radius, color] = [5 * look.unit, strokeOf(track, at, look)];
   const visible = track.visible(at);
-  context.globalAlpha = at === frame ? 1 : 0.6;
+  context.globalAlpha = frame - at <= DIMMED_AFTER ? 1 : 0.55;
   context.setLineDash([]);
   disc(context, x, y, radius + 1.6 * look.unit, DARK);
   if (visible) disc(context, x, y, radius - (track.isFinal(at) ? 0 : 1.8 * look.unit), color);

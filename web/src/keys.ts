@@ -3,8 +3,8 @@ import * as page from "./page";
 
 interface Key {
   keys: string[]; // as KeyboardEvent.key says, with "Shift+" before
-  shown: string; // in the help
-  does: string;
+  shown?: string; // in the help; without it another key's line speaks of this one too
+  does?: string;
   run: () => void;
 }
 
@@ -16,19 +16,19 @@ export const KEYS: Key[] = [
   { keys: [" "], shown: "Space", does: "start, pause, go on; after a run: play", run: () => tracker.toggle() },
   { keys: ["s"], shown: "S", does: "stop: no more frames, everything becomes final", run: () => tracker.stop() },
   { keys: ["r"], shown: "R", does: "track again from the first frame", run: () => tracker.start() },
-  { keys: ["ArrowLeft"], shown: "←", does: "one frame back", run: step(-1) },
-  { keys: ["ArrowRight"], shown: "→", does: "one frame on", run: step(1) },
-  { keys: ["Shift+ArrowLeft"], shown: "Shift ←", does: "ten frames back", run: step(-10) },
-  { keys: ["Shift+ArrowRight"], shown: "Shift →", does: "ten frames on", run: step(10) },
-  { keys: ["Home"], shown: "Home", does: "the first frame", run: () => tracker.show(0) },
-  { keys: ["End"], shown: "End", does: "the newest frame, and those to come", run: () => tracker.follow() },
+  { keys: ["ArrowLeft"], shown: "← →", does: "one frame back, one frame on; with Shift ten", run: step(-1) },
+  { keys: ["ArrowRight"], run: step(1) },
+  { keys: ["Shift+ArrowLeft"], run: step(-10) },
+  { keys: ["Shift+ArrowRight"], run: step(10) },
+  { keys: ["Home"], shown: "Home End", does: "the first frame, the newest and those to come", run: () => tracker.show(0) },
+  { keys: ["End"], run: () => tracker.follow() },
   { keys: ["p"], shown: "P", does: "place points one by one", run: () => (page.tool.value = "point") },
   { keys: ["b"], shown: "B", does: "brush points over an object", run: () => (page.tool.value = "brush") },
-  { keys: ["["], shown: "[", does: "a smaller brush", run: () => page.resizeBrush(1 / 1.25) },
-  { keys: ["]"], shown: "]", does: "a larger brush", run: () => page.resizeBrush(1.25) },
+  { keys: ["["], shown: "[ ]", does: "a smaller brush, a larger one", run: () => page.resizeBrush(1 / 1.25) },
+  { keys: ["]"], run: () => page.resizeBrush(1.25) },
   { keys: ["g"], shown: "G", does: "add a grid of points", run: page.addGrid },
-  { keys: ["n"], shown: "N", does: "select the next point", run: () => page.selectNext(1) },
-  { keys: ["Shift+N"], shown: "Shift N", does: "select the point before", run: () => page.selectNext(-1) },
+  { keys: ["n"], shown: "N", does: "select the next point; with Shift the one before", run: () => page.selectNext(1) },
+  { keys: ["Shift+N"], run: () => page.selectNext(-1) },
   { keys: ["Delete", "Backspace"], shown: "Del", does: "remove the selected point", run: page.removeSelected },
   { keys: ["Escape"], shown: "Esc", does: "select nothing", run: () => (page.selected.value = null) },
   { keys: ["c"], shown: "C", does: "colour by confidence, or by point", run: () => page.change({ confidence: !page.settings.value.confidence }) },
@@ -51,5 +51,9 @@ export function listenToKeys(): void {
     if (!key) return;
     event.preventDefault();
     key.run();
+  });
+  // A button that was clicked with a pointer lets the keys be: Space starts, and does not click it again.
+  addEventListener("click", (event) => {
+    if (event.detail > 0) (event.target as HTMLElement).closest<HTMLElement>("button, summary")?.blur();
   });
 }

@@ -45,6 +45,12 @@ export class Tracker implements Observer {
   readonly stale = signal(false);
   readonly active = computed(() => ["running", "paused", "finishing"].includes(this.phase.value));
 
+  /** Frames that there will be, as far as is known. */
+  readonly expected = computed(() => {
+    const over = this.phase.value === "done";
+    return Math.max(this.loaded.value, over ? 0 : (this.source.value?.frames ?? 0));
+  });
+
   readonly frames = new FrameStore();
   readonly points = new Points();
   tracks = new TrackStore();
@@ -53,6 +59,7 @@ export class Tracker implements Observer {
   private connection: Connection | null = null;
   private wakers: (() => void)[] = [];
   private stopping = false;
+  private loads = 0; // so many sources were asked for
   private lastSent = -Infinity;
 
   constructor(
@@ -66,15 +73,18 @@ export class Tracker implements Observer {
   async load(open: () => Promise<Source>): Promise<void> {
     this.close();
     this.phase.value = "loading";
+    const load = ++this.loads;
     let source: Source | null = null;
     try {
       source = await open();
       const picture = await source.next();
       if (!picture) throw new Error(`${source.label} has no frames.`);
+      if (load !== this.loads) return source.close(); // another one was asked for meanwhile
       this.frames.add(picture.jpeg, picture.seconds);
       await this.frames.bitmap(0);
     } catch (error) {
       source?.close();
+      if (load !== this.loads) return;
       this.phase.value = "empty";
       this.fail(error);
       return;
@@ -244,7 +254,6 @@ export class Tracker implements Observer {
       batch(() => {
         this.phase.value = "done";
         this.following.value = false;
-        this.source.value?.close();
         this.touch();
       });
     }

@@ -139,7 +139,7 @@ function Transport() {
       <IconButton icon="again" name="Track again from the first frame" keys="R" disabled={none || phase === "ready"} onClick={() => tracker.start()} />
       <span class="gap" />
       <IconButton icon="previous" name="One frame back" keys="←" disabled={shown <= 0} onClick={() => tracker.show(shown - 1)} />
-      <output class="counter" aria-label="Frame shown">{none ? "–" : shown}<small> / {none ? "–" : Math.max(newest, (tracker.source.value?.frames ?? 1) - 1)}</small></output>
+      <output class="counter" aria-label="Frame shown">{none ? "–" : shown}<small> / {none ? "–" : tracker.expected.value - 1}</small></output>
       <IconButton icon="next" name="One frame on" keys="→" disabled={shown >= newest} onClick={() => tracker.show(shown + 1)} />
       <IconButton icon="newest" name="The newest frame" keys="End" pressed={tracker.following.value && tracker.active.value} disabled={none} onClick={() => tracker.follow()} />
     </div>

@@ -20,7 +20,7 @@ function makeChart(host: HTMLElement): uPlot {
       padding: [8, 6, 0, 0],
       legend: { show: false },
       cursor: { show: false },
-      scales: { x: { time: false }, y: { range: (_chart, _low, high) => [0, Math.max(100, high * 1.1)] } },
+      scales: { x: { time: false, range: (_chart, low, high) => (low === null ? [0, 48] : [low, Math.max(high, low + 8)]) }, y: { range: (_chart, _low, high) => [0, Math.max(100, high * 1.1)] } },
       axes: [{ ...axis, size: 22, grid: { show: false } }, { ...axis, size: 44, grid, values: (_chart, ms) => ms.map(inWords) }],
       series: [{}, { stroke: color("--accent"), width: 1.5, fill: color("--accent-faint"), points: { show: false } }],
     },

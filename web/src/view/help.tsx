@@ -35,7 +35,7 @@ export function Help() {
     <dialog ref={dialog} class="help" aria-labelledby="help-title" onClose={close} onClick={(event) => event.target === dialog.current && close()}>
       <div class="help-body">
         <header>
-          <h2 id="help-title">How it works</h2>
+          <h2 id="help-title" tabIndex={-1} autofocus>How it works</h2>
           <IconButton icon="close" name="Close the help" keys="Esc" onClick={close} />
         </header>
         <p>Place points on what you want to follow, and start. Each frame goes to the server; where the points are comes back, provisional at first, final a moment later.</p>
@@ -49,9 +49,15 @@ export function Help() {
           </section>
           <section>
             <h3>Keys</h3>
-            <dl>{KEYS.map(({ shown, does }) => [<dt key={shown}><kbd>{shown}</kbd></dt>, <dd key={does}>{does}</dd>])}</dl>
+            <dl>
+              {KEYS.filter(({ shown }) => shown).map(({ shown, does }) => [
+                <dt key={shown}>{shown!.split(" ").map((key) => <kbd key={key}>{key}</kbd>)}</dt>,
+                <dd key={does}>{does}</dd>,
+              ])}
+            </dl>
           </section>
         </div>
+        <p class="soft"><a href="licenses.txt">What this page is made of</a></p>
       </div>
     </dialog>
   );

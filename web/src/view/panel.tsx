@@ -47,7 +47,7 @@ function Live() {
   void tracker.revision.value;
   const { figures } = tracker;
   const sent = tracker.sent.value;
-  const all = Math.max(tracker.source.value?.frames ?? 0, sent);
+  const all = tracker.expected.value;
   return (
     <Card title="Progress" open>
       <Progress name="sent" value={sent} of={all} />
@@ -77,8 +77,9 @@ function Selected() {
       </Card>
     );
   }
-  const sample = track.at(tracker.shown.value);
-  const state = sample ? `${sample.visible ? "seen" : "hidden"}, ${sample.final ? "final" : "provisional"}` : "no estimate on this frame";
+  const frame = track.newest(tracker.shown.value);
+  const sample = track.at(frame);
+  const state = sample ? `${sample.visible ? "seen" : "hidden"}, ${sample.final ? "final" : "provisional"}` : "not followed yet";
   return (
     <Card title="Point" open>
       <div class="point-head">
@@ -88,6 +89,8 @@ function Selected() {
         <IconButton icon="bin" name="Remove this point" keys="Del" onClick={page.removeSelected} />
       </div>
       <dl class="facts">
+        <dt>frame</dt>
+        <dd>{sample ? frame : "–"}</dd>
         <dt>position</dt>
         <dd>{sample ? `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}` : "–"}</dd>
         <dt>confidence</dt>

@@ -215,6 +215,10 @@ class StageCanvas {
       this.canvas.addEventListener(type, guarded, { passive: false });
       this.stops.push(() => this.canvas.removeEventListener(type, guarded));
     };
+    on("mousedown", (event) => {
+      event.preventDefault(); // the ring of the focus is for those who came by key
+      (document.activeElement as HTMLElement | null)?.blur();
+    });
     on("pointerdown", (event) => this.press(event));
     on("pointermove", (event) => this.move(event));
     on("pointerup", (event) => this.release(event));

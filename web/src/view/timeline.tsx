@@ -68,7 +68,7 @@ class TimelineCanvas {
   // --- Frames and rows against places on the canvas, in CSS pixels.
 
   private get span() {
-    return shownFrames(tracker.loaded.value, tracker.source.value?.frames ?? null, MOST_FRAMES);
+    return shownFrames(tracker.loaded.value, tracker.expected.value, MOST_FRAMES);
   }
   private xOf(frame: number): number {
     const { from, to } = this.span;
@@ -138,7 +138,9 @@ class TimelineCanvas {
       for (let t = first; t <= last; t = byConfidence ? t + 1 : last + 1) {
         const end = byConfidence ? t : last;
         context.fillStyle = byConfidence ? confidenceColor(track.confidence(t)) : colorOf(track);
-        context.fillRect(this.xOf(t), y + (LANE - height) / 2, this.xOf(end + 1) - this.xOf(t) + 0.3, height);
+        const left = Math.round(this.xOf(t) * devicePixelRatio) / devicePixelRatio; // on whole pixels there are no seams
+        const right = Math.round(this.xOf(end + 1) * devicePixelRatio) / devicePixelRatio;
+        context.fillRect(left, y + (LANE - height) / 2, right - left, height);
       }
     }
     context.globalAlpha = 1;

@@ -194,6 +194,35 @@ test("a source that cannot be opened leaves nothing behind", async () => {
   expect(tracker.phase.value).toBe("empty");
 });
 
+test("of two sources that are asked for, the later one stands", async () => {
+  const tracker = new Tracker(new FakeWorld(), () => DEFAULTS);
+  let open!: (source: Source) => void;
+  const slow = new FakeSource(9);
+  const first = tracker.load(() => new Promise((resolve) => (open = resolve)));
+  const second = new FakeSource(5);
+  await tracker.load(async () => second);
+  open(slow);
+  await first;
+  expect(tracker.source.value).toBe(second);
+  expect(slow.closed).toBe(true);
+  expect(tracker.frames.count).toBe(1);
+});
+
+test("after it was stopped a file can be tracked to its end", async () => {
+  const { tracker, world } = await loaded(new FakeSource(14));
+  tracker.start();
+  await accept(world);
+  tracker.stop();
+  await settled();
+  expect(world.socket.names.at(-1)).toBe("finish");
+  world.socket.say(response({ case: "summary", value: {} }));
+  tracker.start();
+  await accept(world);
+  world.socket.say(tracks(12));
+  await settled();
+  expect(world.socket.names.slice(-2)).toEqual(["frame 13", "finish"]);
+});
+
 test("after the run it plays from the beginning, at the recorded pace", async () => {
   const { tracker, world } = await loaded(new FakeSource(3));
   tracker.start();

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page itself: gestures, keys, who can use it, and on which screens.
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { join } from "node:path";
+import type { Browser } from "playwright-core";
+import { afterAll, afterEach, beforeAll, expect, test } from "vitest";
+import { launch, Visitor } from "./page";
+import { ROOT, Server } from "./server";
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+const SHOTS = join(ROOT, "web/out");
+
+const server = new Server();
+let browser: Browser;
+let visitor: Visitor;
+
+beforeAll(async () => {
+  await server.start();
+  browser = await launch();
+});
+
+afterEach(async () => {
+  expect(visitor.complaints).toEqual([]);
+  await visitor.page.close();
+});
+
+afterAll(async () => {
+  await browser?.close();
+  await server.stop();
+});
+
+/** Rules of axe-core that the page breaks as it stands. */
+async function violations(): Promise<string[]> {
+  const found = (await visitor.page.evaluate(`${AXE}; axe.run()`)) as {
+    violations: { id: string; nodes: { html: string; failureSummary: string }[] }[];
+  };
+  return found.violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html, failureSummary }) => `${html} ${failureSummary}`).join("; ")}`);
+}
+
+const points = async () => Number(/, (\d+) points/.exec((await visitor.page.locator(".stage-canvas").getAttribute("aria-label"))!)![1]);
+const nameField = () => visitor.page.getByLabel("Name of the point");
+
+test("points are placed by click, moved by dragging, removed by right click", async () => {
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openClip();
+  await visitor.clickNear(268, 224);
+  await visitor.clickNear(513, 162);
+  expect(await points()).toBe(2);
+  const { left, top, scale } = await visitor.picture(768, 576);
+  const at = (x: number, y: number) => [left + (x + 0.5) * scale, top + (y + 0.5) * scale] as const;
+  await visitor.page.mouse.move(...at(513, 162));
+  await visitor.page.mouse.down();
+  await visitor.page.mouse.move(...at(560, 190), { steps: 4 });
+  await visitor.page.mouse.move(...at(600, 200));
+  await visitor.page.mouse.up();
+  expect(await points()).toBe(2);
+  await visitor.page.mouse.click(...at(513, 162), { button: "right" }); // nobody is there any more
+  expect(await points()).toBe(2);
+  await visitor.page.mouse.click(...at(600, 200), { button: "right" });
+  expect(await points()).toBe(1);
+});
+
+test("a brush stroke covers an object with points", async () => {
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openClip();
+  const { left, top, scale } = await visitor.picture(768, 576);
+  await visitor.page.keyboard.press("b");
+  await visitor.page.mouse.move(left + 268 * scale, top + 224 * scale);
+  await visitor.page.mouse.down();
+  await visitor.page.mouse.move(left + 266 * scale, top + 300 * scale, { steps: 8 });
+  await visitor.page.screenshot({ path: join(SHOTS, "brush.png") });
+  await visitor.page.mouse.up();
+  expect(await points()).toBeGreaterThan(10);
+  expect(await points()).toBeLessThanOrEqual(16);
+});
+
+test("without a pointer everything can be done as well", async () => {
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openClip();
+  await visitor.page.locator(".stage-canvas").focus();
+  for (const key of ["ArrowRight", "Shift+ArrowDown", "Enter"]) await visitor.page.keyboard.press(key);
+  expect(await points()).toBe(1);
+  expect(await nameField().inputValue()).toBe("1");
+  await visitor.page.keyboard.press("g");
+  expect(await points()).toBeGreaterThan(60);
+  await visitor.page.keyboard.press("n");
+  expect(await nameField().inputValue()).toBe("2");
+  await visitor.page.keyboard.press("Delete");
+  await visitor.page.keyboard.press("?");
+  await visitor.page.getByRole("dialog").waitFor();
+  await visitor.page.keyboard.press("Escape");
+  await visitor.page.getByRole("dialog").waitFor({ state: "hidden" });
+  await visitor.page.keyboard.press("d");
+  expect(await visitor.page.locator("html").getAttribute("data-theme")).toBe("dark");
+});
+
+test("a name that was given to a point is the one in files", async () => {
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openClip();
+  await visitor.clickNear(268, 224);
+  await nameField().fill("head, left");
+  await nameField().press("Tab");
+  await visitor.page.getByRole("button", { name: "Start", exact: true }).click();
+  await visitor.until("sent", 4);
+  await visitor.page.keyboard.press("s");
+  await visitor.done();
+  expect(String(await visitor.save("DeepLabCut")).split("\n")[1]).toBe('bodyparts,"head, left","head, left","head, left"');
+});
+
+test("it is usable by all, in both colours, and leaves the narrow screen's width alone", async () => {
+  visitor = await Visitor.at(browser, server.url);
+  const { page } = visitor;
+  const shot = (name: string) => page.screenshot({ path: join(SHOTS, `${name}.png`), fullPage: true });
+  expect(await violations()).toEqual([]);
+  await shot("welcome");
+  await visitor.openClip();
+  for (const [x, y] of [[268, 224], [262, 298], [513, 162], [518, 216], [657, 246], [676, 302], [420, 29], [202, 170], [462, 464], [598, 52]] as const) await visitor.clickNear(x, y);
+  await page.keyboard.press("Space");
+  await visitor.until("processed", 40);
+  await shot("light");
+  await page.keyboard.press("s");
+  await visitor.done();
+  for (const theme of ["light", "dark"]) {
+    for (const title of ["Settings", "Server"]) await page.getByRole("heading", { name: title }).click();
+    expect(await violations()).toEqual([]);
+    for (const title of ["Settings", "Server"]) await page.getByRole("heading", { name: title }).click();
+    await shot(`${theme}-done`);
+    await page.keyboard.press("?");
+    expect(await violations()).toEqual([]);
+    await shot(`${theme}-help`);
+    await page.keyboard.press("?");
+    if (theme === "light") await page.keyboard.press("d");
+  }
+  await page.keyboard.press("c");
+  await shot("dark-confidence");
+  await page.setViewportSize({ width: 390, height: 844 });
+  await shot("narrow");
+  const overflow = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+  expect(await page.evaluate(overflow)).toBe(0);
+});

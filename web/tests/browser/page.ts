@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+import { readFileSync } from "node:fs";
+import { type Browser, type BrowserContextOptions, chromium, type Page } from "playwright-core";
+import { expect } from "vitest";
+
+export const launch = (): Promise<Browser> =>
+  chromium.launch({
+    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+    args: ["--no-sandbox", "--disable-gpu", "--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream"],
+  });
+
+/** Small and quick: what a test asks of the network. */
+export const SETTINGS = "#size=256x192&iterations=2&pace=fastest&side=0";
+
+/** The page as its user has it. */
+export class Visitor {
+  readonly complaints: string[] = []; // errors of scripts and of the content security policy
+  readonly visited = new Set<string>(); // origins of requests
+
+  private constructor(readonly page: Page) {
+    page.on("pageerror", (error) => this.complaints.push(error.message));
+    page.on("console", (message) => {
+      if (message.type() === "error" && !/WebSocket connection|Failed to load resource/.test(message.text())) {
+        this.complaints.push(message.text());
+      }
+    });
+    page.on("request", (request) => {
+      if (/^(http|ws)/.test(request.url())) this.visited.add(new URL(request.url()).origin);
+    });
+    page.on("websocket", (socket) => this.visited.add(new URL(socket.url().replace(/^ws/, "http")).origin));
+  }
+
+  static async at(browser: Browser, url: string, options: BrowserContextOptions = {}): Promise<Visitor> {
+    const page = await browser.newPage({ viewport: { width: 1280, height: 800 }, colorScheme: "light", ...options });
+    const visitor = new Visitor(page);
+    await page.goto(url + SETTINGS);
+    return visitor;
+  }
+
+  async openClip(): Promise<void> {
+    await this.page.getByRole("button", { name: "Sample clip", exact: true }).click();
+    await this.firstFrame();
+  }
+
+  async openPictures(paths: string[]): Promise<void> {
+    await this.page.getByLabel("Pictures").setInputFiles(paths);
+    await this.firstFrame();
+  }
+
+  async firstFrame(): Promise<void> {
+    await this.page.locator(".stage-canvas[data-frame]").waitFor();
+  }
+
+  /** Where the picture lies, in pixels of the page for each of the frame's. */
+  async picture(width: number, height: number): Promise<{ left: number; top: number; scale: number }> {
+    const box = (await this.page.locator(".stage-canvas").boundingBox())!;
+    const scale = Math.min(box.width / width, box.height / height);
+    return { scale, left: box.x + (box.width - width * scale) / 2, top: box.y + (box.height - height * scale) / 2 };
+  }
+
+  /** Clicks near a position of the frame; returns the very position that the click has there. */
+  async clickNear(x: number, y: number, width = 768, height = 576): Promise<{ x: number; y: number }> {
+    const { left, top, scale } = await this.picture(width, height);
+    const [clientX, clientY] = [Math.round(left + (x + 0.5) * scale), Math.round(top + (y + 0.5) * scale)];
+    await this.page.mouse.click(clientX, clientY);
+    return { x: (clientX - left) / scale - 0.5, y: (clientY - top) / scale - 0.5 };
+  }
+
+  async figure(name: "sent" | "processed" | "final"): Promise<number> {
+    return Number(await this.page.locator(`[data-figure=${name}]`).textContent());
+  }
+
+  async until(name: "sent" | "processed" | "final", least: number): Promise<void> {
+    await expect.poll(() => this.figure(name), { timeout: 90_000, interval: 50 }).toBeGreaterThanOrEqual(least);
+  }
+
+  async done(): Promise<void> {
+    await this.page.getByRole("button", { name: "Play", exact: true }).waitFor({ timeout: 90_000 });
+  }
+
+  /** What a button of the exports saves. */
+  async save(name: string): Promise<Buffer> {
+    const [download] = await Promise.all([
+      this.page.waitForEvent("download", { timeout: 60_000 }),
+      this.page.getByRole("button", { name, exact: true }).click(),
+    ]);
+    return readFileSync(await download.path());
+  }
+}
