@@ -18,6 +18,7 @@ const BANDS = 6; // steps in which a trail fades
 const HELD_FRAMES = 48; // for so long a point without a newer estimate is shown where it was,
 const DIMMED_AFTER = 12; // and paler when it is older than what the network is usually behind
 const DARK = "rgb(10 14 20 / 0.75)";
+const RIM = "rgb(10 14 20 / 0.35)";
 // From no confidence to full: told apart in grey and by all kinds of colour vision.
 const RAMP: [number, number, number][] = [[197, 42, 84], [232, 106, 52], [245, 178, 60], [214, 226, 117], [120, 222, 196]];
 
@@ -73,6 +74,11 @@ function paintStretch(context: Context, track: Track, t: number, to: number, loo
     context.lineTo(placed(track.x(t), look), placed(track.y(t), look));
   }
   context.setLineDash(final ? [] : [2.5 * look.unit, 3.5 * look.unit]);
+  const width = context.lineWidth;
+  context.lineWidth = width + 1.4 * look.unit; // a dark rim shows it on bright ground
+  context.strokeStyle = RIM;
+  context.stroke();
+  context.lineWidth = width;
   context.strokeStyle = strokeOf(track, first, look);
   context.stroke();
   return Math.max(t, first + 1);

@@ -55,6 +55,9 @@ const world: World = {
 
 export const tracker = new Tracker(world, () => settings.value);
 export const server = new ServerInfo(() => token.value);
+effect(() => {
+  if (tracker.link.value?.state === "waiting") void server.ask();
+});
 
 const encoding = (): Encoding => ({ maxSide: settings.value.side, quality: settings.value.quality / 100 });
 

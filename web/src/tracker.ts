@@ -32,7 +32,7 @@ export class Tracker implements Observer {
   readonly notice = signal<Notice | null>(null);
   readonly source = signal<Source | null>(null);
   readonly accepted = signal<SessionAccepted | null>(null);
-  readonly loaded = signal(0); // frames that are there to see
+  readonly loaded = signal(0); // frames that the source has given
   readonly sent = signal(0);
   readonly processed = signal(0);
   readonly final = signal(0);
@@ -45,11 +45,11 @@ export class Tracker implements Observer {
   readonly stale = signal(false);
   readonly active = computed(() => ["running", "paused", "finishing"].includes(this.phase.value));
 
+  private readonly over = computed(() => this.phase.value === "done");
+  /** Frames that there are to see. */
+  readonly there = computed(() => (this.over.value ? this.sent.value : this.loaded.value));
   /** Frames that there will be, as far as is known. */
-  readonly expected = computed(() => {
-    const over = this.phase.value === "done";
-    return Math.max(this.loaded.value, over ? 0 : (this.source.value?.frames ?? 0));
-  });
+  readonly expected = computed(() => Math.max(this.there.value, this.over.value ? 0 : (this.source.value?.frames ?? 0)));
 
   readonly frames = new FrameStore();
   readonly points = new Points();
@@ -201,7 +201,7 @@ export class Tracker implements Observer {
 
   /** Shows a frame that was there before. */
   show(frame: number): void {
-    const newest = this.loaded.value - 1;
+    const newest = this.there.value - 1;
     batch(() => {
       this.stopPlaying();
       this.shown.value = Math.min(Math.max(frame, this.frames.first), newest);
@@ -354,11 +354,11 @@ export class Tracker implements Observer {
   // --- Looking at what was.
 
   private play(): void {
-    if (this.shown.value >= this.loaded.value - 1) this.shown.value = this.frames.first;
+    if (this.shown.value >= this.there.value - 1) this.shown.value = this.frames.first;
     this.playing.value = true;
     const step = (frame: number) => {
       if (!this.playing.value || this.shown.value !== frame) return;
-      if (frame + 1 >= this.loaded.value) return this.stopPlaying();
+      if (frame + 1 >= this.there.value) return this.stopPlaying();
       const ms = 1000 * (this.frames.seconds(frame + 1) - this.frames.seconds(frame));
       this.world.after(Math.max(4, ms), () => {
         if (!this.playing.value || this.shown.value !== frame) return;

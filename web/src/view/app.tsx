@@ -129,7 +129,7 @@ const START: Record<string, [IconName, string]> = {
 function Transport() {
   const phase = tracker.phase.value;
   const [icon, name] = phase === "done" && tracker.playing.value ? (["pause", "Pause"] as const) : (START[phase] ?? ["play", "Start"]);
-  const newest = tracker.loaded.value - 1;
+  const newest = tracker.there.value - 1;
   const none = phase === "empty" || phase === "loading";
   const shown = tracker.shown.value;
   return (
@@ -197,7 +197,7 @@ export function App() {
             <Hint />
             <div class="messages"><Banner /><Stale /><Notice /></div>
           </div>
-          <div class="bar"><Transport /><Tools /><span class="spring" /><Legend /></div>
+          <div class="bar"><Transport /><Tools /><span class="spring" />{page.tool.value === "point" && <Legend />}</div>
           <Timeline />
         </section>
         <Panel />

@@ -35,7 +35,7 @@ class StageCanvas {
     const resize = new ResizeObserver(() => this.fit());
     resize.observe(canvas);
     this.stops.push(() => resize.disconnect());
-    this.stops.push(effect(() => void this.showFrame(tracker.shown.value, tracker.loaded.value)));
+    this.stops.push(effect(() => void this.showFrame(tracker.shown.value)));
     this.stops.push(effect(() => this.repaintFor(tracker.revision.value, page.selected.value, page.hovered.value,
       page.settings.value, page.tool.value, page.brush.value)));
     this.stops.push(effect(() => this.showWhole(page.zoomReset.value, tracker.source.value)));
@@ -49,7 +49,7 @@ class StageCanvas {
 
   // --- Painting.
 
-  private async showFrame(frame: number, _loaded: number): Promise<void> {
+  private async showFrame(frame: number): Promise<void> {
     if (frame < 0) return;
     const bitmap = await tracker.frames.bitmap(frame);
     if (!bitmap || tracker.shown.value !== frame) return;

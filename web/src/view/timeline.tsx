@@ -29,7 +29,7 @@ class TimelineCanvas {
     const resize = new ResizeObserver(() => this.paintSoon());
     resize.observe(scroller);
     this.stops.push(() => resize.disconnect());
-    this.stops.push(effect(() => this.repaintFor(tracker.revision.value, tracker.shown.value, tracker.loaded.value,
+    this.stops.push(effect(() => this.repaintFor(tracker.revision.value, tracker.shown.value, tracker.there.value,
       page.selected.value, page.hovered.value, page.theme.value, page.settings.value.confidence)));
     const on = <K extends keyof HTMLElementEventMap>(target: HTMLElement, type: K, call: (event: HTMLElementEventMap[K]) => void) => {
       target.addEventListener(type, call);
@@ -68,7 +68,7 @@ class TimelineCanvas {
   // --- Frames and rows against places on the canvas, in CSS pixels.
 
   private get span() {
-    return shownFrames(tracker.loaded.value, tracker.expected.value, MOST_FRAMES);
+    return shownFrames(tracker.there.value, tracker.expected.value, MOST_FRAMES);
   }
   private xOf(frame: number): number {
     const { from, to } = this.span;
@@ -218,7 +218,7 @@ export function Timeline() {
     const timeline = new TimelineCanvas(scroller.current!, canvas.current!, spacer.current!);
     return () => timeline.close();
   }, []);
-  const frames = Math.max(1, tracker.loaded.value);
+  const frames = Math.max(1, tracker.there.value);
   return (
     <div class="timeline" ref={scroller} role="slider" tabIndex={0} aria-label="Frame shown" aria-valuemin={0} aria-valuemax={frames - 1} aria-valuenow={Math.max(0, tracker.shown.value)}>
       <canvas ref={canvas} />
