@@ -40,7 +40,6 @@ export class SessionState {
   private token: Uint8Array = new Uint8Array();
   private nextIndex = 0;
   private finished = false;
-  private serverProcessed = 0; // of the server that has the session now
   private finalEnd = new Map<number, number>(); // of each point, the frames before this one are final
   private repeated = new Map<number, number>(); // as of the last resume: what is before comes again
 
@@ -103,7 +102,6 @@ export class SessionState {
   begin(accepted: SessionAccepted): boolean {
     if (!this.accepted) this.settle(accepted);
     this.accepted = accepted;
-    this.serverProcessed = Number(accepted.firstFrame);
     this.repeated = new Map(this.finalEnd);
     return this.replay.rewind(Number(accepted.firstFrame));
   }
@@ -113,8 +111,7 @@ export class SessionState {
       case "tracks": {
         const runs = response.value.runs.map((run) => this.unknownPart(toRun(run))).filter((run) => run.x.length > 0);
         for (const run of runs) this.noteFinal(run);
-        this.serverProcessed = Math.max(this.serverProcessed, Number(response.value.framesProcessed));
-        this.processed = Math.max(this.processed, this.serverProcessed);
+        this.processed = Math.max(this.processed, Number(response.value.framesProcessed));
         return { kind: "tracks", runs, received: Number(response.value.framesReceived), processed: this.processed };
       }
       case "checkpoint":
@@ -132,8 +129,9 @@ export class SessionState {
     }
   }
 
+  // Frames that are sent again do not wait: a server that goes on says nothing of those that were processed before.
   private mayLeave(frame: number): boolean {
-    return frame - this.serverProcessed < (this.accepted?.hopFrames ?? 0) + FRAMES_BEYOND_HOP;
+    return frame - this.processed < (this.accepted?.hopFrames ?? 0) + FRAMES_BEYOND_HOP;
   }
 
   // A full buffer waits for a checkpoint. Where none can make room, the session has to do without.
