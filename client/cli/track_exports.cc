@@ -63,6 +63,12 @@ void WriteCvatMeta(std::ostream& out, const TrackTable& table, const VideoFacts&
   out << "</labels></task></meta>\n";
 }
 
+// Whether the position is none of the picture's, whose first pixel is around (0, 0).
+bool IsBeyond(const TrackSample& sample, ImageSize size) {
+  const auto within = [](float at, int length) { return at >= -0.5f && at < static_cast<float>(length) - 0.5f; };
+  return !within(sample.x, size.width) || !within(sample.y, size.height);
+}
+
 void WriteCvatPoint(std::ostream& out, int64_t frame, const TrackSample& sample, bool outside) {
   out << absl::StrFormat(
       "  <points frame=\"%d\" keyframe=\"1\" outside=\"%d\" occluded=\"%d\" points=\"%.3f,%.3f\" "
@@ -70,18 +76,19 @@ void WriteCvatPoint(std::ostream& out, int64_t frame, const TrackSample& sample,
       frame, outside ? 1 : 0, sample.visible ? 0 : 1, sample.x, sample.y);
 }
 
-void WriteCvatTrack(std::ostream& out, const TableTrack& track, const TrackExtent& extent) {
+// A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside.
+void WriteCvatTrack(std::ostream& out, const TableTrack& track, ImageSize size, const TrackExtent& extent) {
   out << "<track id=\"" << IdOf(track) << "\" label=\"" << LabelOf(track) << "\" source=\"auto\">\n";
-  const TrackSample* last = nullptr;
-  int64_t after = 0;
+  const TrackSample* before = nullptr;
   for (int64_t frame = track.start.frame; frame < extent.frames; ++frame) {
     const TrackSample* sample = TrackTable::Estimate(track, frame);
-    if (sample == nullptr) continue;
-    WriteCvatPoint(out, frame, *sample, /*outside=*/false);
-    last = sample;
-    after = frame + 1;
+    if (sample != nullptr) {
+      WriteCvatPoint(out, frame, *sample, IsBeyond(*sample, size));
+    } else if (before != nullptr) {
+      WriteCvatPoint(out, frame, *before, /*outside=*/true);
+    }
+    before = sample;
   }
-  if (last != nullptr && after < extent.frames) WriteCvatPoint(out, after, *last, /*outside=*/true);
   out << "</track>\n";
 }
 
@@ -110,7 +117,7 @@ void WriteDeepLabCut(std::ostream& out, const TrackTable& table, const TrackExte
 void WriteCvat(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
   out << "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<annotations>\n<version>1.1</version>\n";
   WriteCvatMeta(out, table, video, extent);
-  for (const TableTrack& track : table.tracks()) WriteCvatTrack(out, track, extent);
+  for (const TableTrack& track : table.tracks()) WriteCvatTrack(out, track, video.size, extent);
   out << "</annotations>\n";
 }
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracks as files of other programs. Positions are written as they are: (0, 0) is the centre of the first pixel."""
+"""Tracks as files of other programs. Positions are written as they are: (0, 0) is the centre of the first pixel. Equal
+tracks make the very files that the command line writes (client/cli/track_exports.h)."""
 from __future__ import annotations
 
 import csv
 import os
-import xml.etree.ElementTree as xml
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Union
 
 import numpy as np
@@ -18,64 +19,74 @@ Path = Union[str, "os.PathLike[str]"]
 
 def write_dlc_csv(tracks: Tracks, path: Path, scorer: str, names: Mapping[int, str]) -> None:
     """DeepLabCut's table of one animal: a row a frame, and of each point x, y and likelihood."""
-    points = [names.get(int(point), f"point{point}") for point in tracks.ids]
-    if len(set(points)) < len(points):
-        raise ValueError(f"names are {points}, expected no name twice")
+    parts = _body_parts(tracks, names)
     with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["scorer"] + [scorer] * 3 * len(points))
-        writer.writerow(["bodyparts"] + [point for point in points for _ in range(3)])
-        writer.writerow(["coords"] + ["x", "y", "likelihood"] * len(points))
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["scorer"] + [scorer] * 3 * len(parts))
+        writer.writerow(["bodyparts"] + [part for part in parts for _ in range(3)])
+        writer.writerow(["coords"] + ["x", "y", "likelihood"] * len(parts))
         for frame in range(tracks.frames):
-            row: list[object] = [frame]
+            row = [str(frame)]
             for (x, y), confidence in zip(tracks.xy[:, frame], tracks.confidence[:, frame]):
-                row += ["", ""] if np.isnan(x) else [f"{x:.3f}", f"{y:.3f}"]
-                row.append(f"{confidence:.4f}")
+                row += ["", "", ""] if np.isnan(x) else [f"{x:.3f}", f"{y:.3f}", f"{confidence:.3f}"]
             writer.writerow(row)
+
+
+def _body_parts(tracks: Tracks, names: Mapping[int, str]) -> list[str]:
+    """A point without a name is called by its id; a name that came before gets the id behind it."""
+    parts: list[str] = []
+    for point in map(int, tracks.ids):
+        part = names.get(point) or str(point)
+        while part in parts:
+            part += f"_{point}"
+        parts.append(part)
+    return parts
 
 
 def write_cvat_xml(tracks: Tracks, path: Path, names: Mapping[int, str], size: tuple[int, int] | None) -> None:
     """CVAT for video 1.1: a track a point, with a shape for each frame on which it is known."""
-    labels = [names.get(int(point), "point") for point in tracks.ids]
-    root = xml.Element("annotations")
-    xml.SubElement(root, "version").text = "1.1"
-    root.append(_cvat_task(sorted(set(labels)), tracks.frames, size))
-    for row, label in enumerate(labels):
-        root.append(_cvat_track(tracks, row, label, size))
-    xml.indent(root)
-    xml.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    labels = [_label(names.get(int(point), ""), int(point)) for point in tracks.ids]
+    with open(path, "w", newline="\n", encoding="utf-8") as file:
+        file.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n<version>1.1</version>\n')
+        file.write(_cvat_meta(sorted(set(labels)), tracks.frames, size))
+        for row, label in enumerate(labels):
+            file.write(f'<track id="{tracks.ids[row]}" label="{label}" source="auto">\n')
+            file.writelines(_cvat_shapes(tracks, row, size))
+            file.write("</track>\n")
+        file.write("</annotations>\n")
 
 
-def _cvat_task(labels: list[str], frames: int, size: tuple[int, int] | None) -> xml.Element:
-    meta = xml.Element("meta")
-    task = xml.SubElement(meta, "task")
-    for name, text in (("size", frames), ("mode", "interpolation"), ("start_frame", 0), ("stop_frame", frames - 1)):
-        xml.SubElement(task, name).text = str(text)
-    all_labels = xml.SubElement(task, "labels")
-    for text in labels:
-        label = xml.SubElement(all_labels, "label")
-        xml.SubElement(label, "name").text = text
-        xml.SubElement(label, "type").text = "points"
-    if size is not None:
-        original = xml.SubElement(task, "original_size")
-        for name, length in zip(("width", "height"), size):
-            xml.SubElement(original, name).text = str(length)
-    return meta
+def _label(name: str, point: int) -> str:
+    """A name that is only the point's id is none."""
+    return _escaped(name) if name not in ("", str(point)) else "point"
 
 
-def _cvat_track(tracks: Tracks, row: int, label: str, size: tuple[int, int] | None) -> xml.Element:
+def _cvat_meta(labels: list[str], frames: int, size: tuple[int, int] | None) -> str:
+    original = "" if size is None else (f"<original_size><width>{size[0]}</width><height>{size[1]}</height>"
+                                        "</original_size>")
+    described = "".join(f"<label><name>{label}</name><type>points</type><attributes></attributes></label>\n"
+                        for label in labels)
+    return (f"<meta><task><size>{frames}</size><mode>interpolation</mode>{original}\n<labels>\n{described}"
+            "</labels></task></meta>\n")
+
+
+def _cvat_shapes(tracks: Tracks, row: int, size: tuple[int, int] | None) -> Iterator[str]:
     """A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside."""
-    track = xml.Element("track", id=str(row), label=label, source="auto")
-    known = ~np.isnan(tracks.xy[row, :, 0])
-    for frame in np.flatnonzero(known):
-        x, y = tracks.xy[row, frame]
-        outside = size is not None and not (-0.5 <= x < size[0] - 0.5 and -0.5 <= y < size[1] - 0.5)
-        _cvat_shape(track, frame, x, y, outside, not tracks.visible[row, frame])
-        if frame + 1 < tracks.frames and not known[frame + 1]:
-            _cvat_shape(track, frame + 1, x, y, True, False)
-    return track
+    before = None
+    for frame, (x, y) in enumerate(tracks.xy[row]):
+        if not np.isnan(x):
+            hidden = int(not tracks.visible[row, frame])
+            before = f'occluded="{hidden}" points="{x:.3f},{y:.3f}" z_order="0"></points>\n'
+            outside = size is not None and not (-0.5 <= x < size[0] - 0.5 and -0.5 <= y < size[1] - 0.5)
+            yield f'  <points frame="{frame}" keyframe="1" outside="{int(outside)}" {before}'
+        elif before is not None:
+            yield f'  <points frame="{frame}" keyframe="1" outside="1" {before}'
+            before = None
 
 
-def _cvat_shape(track: xml.Element, frame: int, x: float, y: float, outside: bool, occluded: bool) -> None:
-    xml.SubElement(track, "points", frame=str(frame), keyframe="1", outside=str(int(outside)),
-                   occluded=str(int(occluded)), points=f"{x:.3f},{y:.3f}", z_order="0")
+def _escaped(text: str) -> str:
+    """XML knows no character below a space but three, not even escaped."""
+    known = re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f]", " ", text)
+    for character, name in (("&", "amp"), ("<", "lt"), (">", "gt"), ('"', "quot")):
+        known = known.replace(character, f"&{name};")
+    return known

@@ -63,16 +63,17 @@ class Tracks:
 
     def to_dlc_csv(self, path: Path, scorer: str = "holdfast", names: Mapping[int, str] | None = None) -> None:
         """Writes DeepLabCut's CSV of one animal, which napari, movement, SLEAP's tools and pandas read: rows scorer,
-        bodyparts and coords above, then a row a frame. `names`: of points by id, otherwise point<id>. Likelihood is
-        confidence; x and y are empty where nothing is known. (0, 0) stays the centre of the first pixel."""
+        bodyparts and coords above, then a row a frame. `names`: of points by id, otherwise the id; a name that came
+        before gets the id behind it. Likelihood is confidence; all three are empty where nothing is known. (0, 0) stays
+        the centre of the first pixel. `holdfast track --out=x.dlc.csv` writes the same file."""
         write_dlc_csv(self, path, scorer, names or {})
 
     def to_cvat_xml(self, path: Path, size: tuple[int, int] | None = None,
                     names: Mapping[int, str] | None = None) -> None:
         """Writes annotations of the format CVAT for video 1.1. `names`: the label of points by id, otherwise "point";
         the task has to have these labels. Every frame is a keyframe; hidden points are occluded; a point is outside
-        after it was removed, and beyond `size` (width, height of the video) if that is given. (0, 0) stays the centre
-        of the first pixel."""
+        where nothing is known any more, and beyond `size` (width, height of the video) if that is given. (0, 0) stays
+        the centre of the first pixel. `holdfast track --out=x.xml` writes the same file."""
         write_cvat_xml(self, path, names or {}, size)
 
     def show(self, frame: Frame | None = None, at: int = -1, trail: int = 30) -> Picture:

@@ -18,6 +18,7 @@ from support import FRAMES, PICTURES
 import holdfast_client
 from holdfast_client import aio
 
+EXPORTS = support.ROOT / "tests" / "data" / "exports"
 QUERIES = np.array([[24, 64, 50], [10, 50.5, 30.25], [0, 40, 60]], np.float32)
 
 
@@ -73,6 +74,19 @@ def made_up():
     return holdfast_client.Tracks(np.array([7, 9], np.uint64), xy, visible, confidence, visible.copy())
 
 
+def of_the_command_lines_test():
+    """The tracks of tests/client/cli/track_exports_test.cc."""
+    xy = np.full((3, 5, 2), np.nan, np.float32)
+    xy[0, :2] = [[1.25, 10], [2.0004, 20]]
+    xy[1, [0, 1, 3, 4]] = [[5, -0.5], [6, 30], [8, 31], [9, 32]]
+    xy[2, 1:] = [[61, 40], [62, 41], [63.4, 42], [63.5, 43]]
+    visible = ~np.isnan(xy[:, :, 0])
+    visible[1:, 1] = False
+    confidence = np.where(visible, 1, 0).astype(np.float32)
+    confidence[:, :2] = [[0.5, 0.25], [0.75, 0.0625], [0, 0.125]]
+    return holdfast_client.Tracks(np.array([4, 7, 9], np.uint64), xy, visible, confidence, visible.copy())
+
+
 class FilesTest(unittest.TestCase):
     def setUp(self):
         self.tracks = made_up()
@@ -92,44 +106,32 @@ class FilesTest(unittest.TestCase):
         self.assertEqual(lines[:2], ["id,frame,x,y,visible,confidence,final", "7,1,1.250,2.000,1,0.7500,1"])
         self.assertEqual(len(lines), 1 + 4 + 3)
 
-    def test_deeplabcut_csv_comes_back(self):
-        self.tracks.to_dlc_csv(self.path, scorer="me", names={9: "tail, tip"})
+    def test_other_programs_get_the_files_of_the_command_line(self):
+        tracks, names = of_the_command_lines_test(), {4: 'nose, "left" <1>', 7: "paw"}
+        tracks.to_dlc_csv(self.path, names=names)
+        self.assertEqual(self.path.read_bytes(), (EXPORTS / "tracks.dlc.csv").read_bytes())
+        tracks.to_cvat_xml(self.path, size=(64, 48), names=names)
+        self.assertEqual(self.path.read_bytes(), (EXPORTS / "tracks.xml").read_bytes())
+
+    def test_body_parts_are_told_apart(self):
+        tracks = holdfast_client.Tracks(np.arange(1, 5, dtype=np.uint64), np.zeros((4, 0, 2)), *[np.zeros((4, 0))] * 3)
+        tracks.to_dlc_csv(self.path, scorer="me", names={1: "paw", 2: "paw", 4: "paw_2"})
         with open(self.path, newline="", encoding="utf-8") as file:
-            scorer, bodyparts, coords, *rows = csv.reader(file)
-        self.assertEqual(scorer, ["scorer"] + ["me"] * 6)
-        self.assertEqual(bodyparts, ["bodyparts"] + ["point7"] * 3 + ["tail, tip"] * 3)
-        self.assertEqual(coords, ["coords"] + ["x", "y", "likelihood"] * 2)
-        self.assertEqual([int(row[0]) for row in rows], [0, 1, 2, 3, 4])
-        values = np.array([[float(cell or "nan") for cell in row[1:]] for row in rows]).reshape(5, 2, 3)
-        np.testing.assert_allclose(values[:, :, :2].transpose(1, 0, 2), self.tracks.xy, atol=5e-4)
-        np.testing.assert_allclose(values[:, :, 2].T, self.tracks.confidence, atol=5e-5)
-        with self.assertRaisesRegex(ValueError, "no name twice"):
-            self.tracks.to_dlc_csv(self.path, names={7: "a", 9: "a"})
+            scorer, bodyparts, _ = csv.reader(file)
+        self.assertEqual(scorer, ["scorer"] + ["me"] * 12)
+        self.assertEqual(bodyparts[1::3], ["paw", "paw_2", "3", "paw_2_4"])
 
-    def cvat(self, **options):
-        """Of each track: label, and its shapes as (frame, x, y, outside, occluded)."""
-        self.tracks.to_cvat_xml(self.path, **options)
+    def test_characters_that_xml_has_not_are_left_out(self):
+        self.tracks.to_cvat_xml(self.path, names={7: "a\x01b\0c", 9: "9"})
         root = xml.parse(self.path).getroot()
-        self.assertEqual((root.tag, root.findtext("version")), ("annotations", "1.1"))
-        shapes = root.findall("track/points")
-        self.assertEqual({shape.get("keyframe") for shape in shapes}, {"1"})
-        return root, [(track.get("label"),
-                       [(int(shape.get("frame")), *map(float, shape.get("points").split(",")),
-                         int(shape.get("outside")), int(shape.get("occluded"))) for shape in track])
-                      for track in root.findall("track")]
-
-    def test_cvat_annotations_come_back(self):
-        root, tracks = self.cvat(names={7: "nose"}, size=(64, 48))
-        self.assertEqual([label for label, _ in tracks], ["nose", "point"])
-        self.assertEqual([name.text for name in root.findall("meta/task/labels/label/name")], ["nose", "point"])
-        self.assertEqual(root.findtext("meta/task/original_size/width"), "64")
-        self.assertEqual((root.findtext("meta/task/size"), root.findtext("meta/task/stop_frame")), ("5", "4"))
-        self.assertEqual(tracks[0][1], [(1, 1.25, 2, 0, 0), (2, 2, 2.5, 0, 1), (3, 3, 3, 0, 0), (4, 4, 3.5, 0, 0)])
-        self.assertEqual(tracks[1][1], [(0, 60, 40, 0, 0), (1, 63.4, 41, 0, 0), (2, 66, 42, 1, 0), (3, 66, 42, 1, 0)])
+        self.assertEqual([track.get("label") for track in root.iter("track")], ["a b c", "point"])
+        self.assertEqual([name.text for name in root.findall("meta/task/labels/label/name")], ["a b c", "point"])
 
     def test_without_a_size_no_position_is_beyond_it(self):
-        _, tracks = self.cvat()
-        self.assertEqual([shape[3] for shape in tracks[1][1]], [0, 0, 0, 1])
+        self.tracks.to_cvat_xml(self.path)
+        root = xml.parse(self.path).getroot()
+        self.assertIsNone(root.find("meta/task/original_size"))
+        self.assertEqual([shape.get("outside") for shape in root.findall("track/points")], list("0000" + "0001"))
 
 
 class PictureTest(unittest.TestCase):
