@@ -148,6 +148,12 @@ class BaseClient(Generic[SessionType]):
                                                  pb.GetServerInfoResponse.FromString)
         return ask(pb.GetServerInfoRequest(), timeout=self.timeout, metadata=self._metadata)
 
+    def _ask_another(self, server: int, failed: Any) -> None:
+        """One has not said what it runs: raises why, unless the next one may do instead."""
+        error = errors.to_error(failed, self.addresses[server])
+        if server + 1 == len(self.addresses) or not isinstance(error, errors.Unavailable):
+            raise error from None
+
     def _track_call(self, server: int, *requests: Any) -> Any:
         track = self._channels[server].stream_stream(_SERVICE + "Track", pb.TrackRequest.SerializeToString,
                                                      pb.TrackResponse.FromString)

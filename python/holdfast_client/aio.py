@@ -14,7 +14,6 @@ from typing import Any, Union
 import grpc
 import grpc.aio
 
-from . import errors
 from ._base import BaseClient, BaseSession
 from ._both import Backward
 from ._channel import Tls
@@ -235,13 +234,11 @@ class Client(BaseClient[Session]):
 
     async def info(self) -> pb.GetServerInfoResponse:
         """What the first server that is there runs, and its limits."""
-        for server, address in enumerate(self.addresses):
+        for server in range(len(self.addresses)):
             try:
                 return await self._info_call(server)
             except grpc.RpcError as failed:
-                error = errors.to_error(failed, address)
-                if server + 1 == len(self.addresses) or not isinstance(error, errors.Unavailable):
-                    raise error from None
+                self._ask_another(server, failed)
         raise AssertionError("there is a server")
 
     async def track(self, frames: Union[Iterable[Frame], AsyncIterable[Frame]], points: Queried, *,

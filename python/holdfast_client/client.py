@@ -7,7 +7,6 @@ from typing import Any
 
 import grpc
 
-from . import errors
 from ._base import BaseClient
 from ._both import Backward
 from ._channel import Tls
@@ -43,13 +42,11 @@ class Client(BaseClient[Session]):
 
     def info(self) -> pb.GetServerInfoResponse:
         """What the first server that is there runs, and its limits."""
-        for server, address in enumerate(self.addresses):
+        for server in range(len(self.addresses)):
             try:
                 return self._info_call(server)
             except grpc.RpcError as failed:
-                error = errors.to_error(failed, address)
-                if server + 1 == len(self.addresses) or not isinstance(error, errors.Unavailable):
-                    raise error from None
+                self._ask_another(server, failed)
         raise AssertionError("there is a server")
 
     def track(self, frames: Iterable[Frame], points: Queried, *, both: bool = False, **options: Any) -> Tracks:

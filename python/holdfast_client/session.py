@@ -70,11 +70,15 @@ class Session(BaseSession):
 
     def finish(self) -> Tracks:
         """Nothing follows: waits until everything is final. Raises what ended the session otherwise; tracks() has what
-        came before."""
+        came before. Ctrl-C cancels it."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-            self._changed.wait_for(lambda: self._ended or self._thread is None)
+            try:
+                self._changed.wait_for(lambda: self._ended or self._thread is None)
+            except BaseException:  # Ctrl-C: nobody waits for the rest
+                self.cancel()
+                raise
             if self._error is not None:
                 raise self._error
         return self.tracks()

@@ -3,6 +3,8 @@
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 import threading
 import unittest
 from datetime import datetime, timedelta, timezone
@@ -13,6 +15,22 @@ import support
 from support import FRAMES, PICTURES, POINTS
 
 import holdfast_client
+
+
+# Says when its session stands and, once it has read a line, when it waits for the end.
+WAITING = """
+import sys
+import numpy as np
+from holdfast_client import Client
+
+with Client(sys.argv[1]) as client, client.session([(8, 8)], encoding="raw") as session:
+    while session.accepted is None:
+        session.push(np.zeros((96, 128), np.uint8))
+    print("accepted", flush=True)
+    sys.stdin.readline()
+    print("finishing", flush=True)
+    session.finish()
+"""
 
 
 class ClientTest(support.ServedTest, unittest.TestCase):
@@ -131,6 +149,48 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         session.cancel()
         self.assertTrue(ended.wait(60))
         server.stop()
+
+    def test_a_server_that_stands_still_costs_its_client_no_memory(self):
+        server = self.start_server()
+        self.addCleanup(server.stop)
+        session = self.client(server.address).session(POINTS, encoding="raw")
+        session.push(np.zeros((480, 640), np.uint8))
+        while session.accepted is None:
+            session.push(np.zeros((480, 640), np.uint8))
+        ended = threading.Event()
+
+        def push():
+            with contextlib.suppress(ValueError):  # it is cancelled
+                while True:
+                    session.push(np.full((480, 640), session._frames % 256, np.uint8))
+            ended.set()
+        with support.frozen(server):
+            before = support.resident_bytes()
+            threading.Thread(target=push, daemon=True).start()
+            sent = -1
+            while sent < session._frames < 1000:  # 300 MB
+                sent = session._frames
+                self.assertFalse(ended.wait(1))
+            self.assertLess(session._frames, 200)
+            self.assertLess(support.resident_bytes() - before, 64 << 20)
+            session.cancel()
+        self.assertTrue(ended.wait(60))
+
+    def test_ctrl_c_ends_a_program_that_waits_for_its_tracks(self):
+        server = self.start_server()
+        self.addCleanup(server.stop)
+        program = subprocess.Popen([sys.executable, "-c", WAITING, server.address], text=True,
+                                   stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   env={**os.environ, "PYTHONPATH": str(support.STAGED)})
+        self.assertEqual(program.stdout.readline(), "accepted\n")
+        with support.frozen(server):
+            program.stdin.write("go on\n")
+            program.stdin.flush()
+            self.assertEqual(program.stdout.readline(), "finishing\n")
+            os.kill(program.pid, signal.SIGINT)
+            _, err = program.communicate(timeout=10)
+        self.assertIn("KeyboardInterrupt", err)
+        server.wait_for_metric('holdfast_sessions_total{outcome="cancelled"}', 1)
 
     def test_arrays_are_sent_as_jpeg_where_that_is_possible(self):
         colour = [np.stack([frame] * 3, axis=2) for frame in PICTURES]

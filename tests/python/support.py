@@ -5,6 +5,7 @@ Usage of each test: x_test.py HOLDFAST_SERVER PROTOC
 """
 import atexit
 import contextlib
+import io
 import os
 import pathlib
 import signal
@@ -16,7 +17,7 @@ import unittest
 import numpy as np
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "e2e"))
+sys.path[:0] = [str(ROOT / "tests" / "e2e"), str(ROOT / "tests" / "docs")]
 from server_process import ServerProcess  # noqa: E402
 
 SERVER, PROTOC = sys.argv[1:3]
@@ -50,6 +51,23 @@ def frozen(server):
         yield
     finally:
         os.kill(server.process.pid, signal.SIGCONT)
+
+
+def resident_bytes():
+    """Of memory that this process has."""
+    with open("/proc/self/statm", encoding="ascii") as pages:
+        return int(pages.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def run_python(blocks, names, server, secure=""):
+    """Runs Python blocks of a document as one program, which knows 'names' and leaves its own there. What it printed.
+    'server' is the address of localhost:50051, 'secure' that of localhost:50443."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        for block in blocks:
+            text = block.text.replace("localhost:50051", server).replace("localhost:50443", secure)
+            exec(compile(text, str(block), "exec"), names)
+    return printed.getvalue()
 
 
 class ServedTest:
