@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What documents and examples show, run as it is printed."""
-import contextlib
-import io
 import json
 import os
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
@@ -18,6 +15,7 @@ from PIL import Image
 
 import support
 from certificates import Authority
+from documents import read_blocks
 from support import PICTURES, POINTS, ROOT
 
 TOKEN = "a-token-of-the-operators"
@@ -46,23 +44,16 @@ class DocsTest(support.ServedTest, unittest.TestCase):
         self.addCleanup(server.stop)
         return server.address
 
-    def run_blocks(self, document, pattern, secure=""):
+    def run_blocks(self, document, secure=""):
         """Runs a document's blocks as one program. What it printed, and the names that it leaves."""
-        text = (ROOT / document).read_text(encoding="utf-8")
-        blocks = re.findall(pattern, text, re.MULTILINE | re.DOTALL)
-        self.assertTrue(blocks, f"no block in {document}: the search for them is broken")
+        blocks = read_blocks(document)
+        self.assertEqual({block.language for block in blocks}, {"python"})
         names = {"np": np, "datetime": datetime, "timezone": timezone, "frames": PICTURES, "points": POINTS,
                  "camera": iter(PICTURES), "async_camera": async_camera, "show": mock.Mock()}
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed):
-            for number, block in enumerate(blocks):
-                block = re.sub(r"^    ", "", block, flags=re.MULTILINE) if block.startswith("    ") else block
-                block = block.replace("localhost:50051", self.server.address).replace("localhost:50443", secure)
-                exec(compile(block, f"{document}, block {number}", "exec"), names)
-        return printed.getvalue(), names
+        return support.run_python(blocks, names, self.server.address, secure), names
 
     def test_the_pages_blocks_are_a_program(self):
-        printed, names = self.run_blocks("docs/python.md", r"^```python\n(.*?)^```", self.serve_securely())
+        printed, names = self.run_blocks("docs/python.md", self.serve_securely())
         self.assertIn("config.points[0].x", printed)
         self.assertRegex(printed, r"\n\d+\.\d+\.\d+\n$")  # the build of the server that has a token
         self.assertTrue(names["show"].call_args_list)
@@ -72,11 +63,7 @@ class DocsTest(support.ServedTest, unittest.TestCase):
         self.assertLessEqual({"tracks.npz", "tracks.csv", "tracks_dlc.csv", "tracks.xml", "tracks.svg"}, written)
 
     def test_the_packages_readme(self):
-        _, names = self.run_blocks("python/README.md", r"^```python\n(.*?)^```")
-        self.assertEqual(names["tracks"].xy.shape, (3, len(PICTURES), 2))
-
-    def test_readme(self):
-        _, names = self.run_blocks("README.md", r"^(    from holdfast_client import .*?)^(?!    |$)")
+        _, names = self.run_blocks("python/README.md")
         self.assertEqual(names["tracks"].xy.shape, (3, len(PICTURES), 2))
 
     def test_the_notebooks_cells(self):
