@@ -22,7 +22,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "python"))
 import support  # noqa: E402
 from PIL import Image  # noqa: E402
 from certificates import Authority  # noqa: E402
-from documents import ROOT, read_blocks  # noqa: E402
+from documents import ROOT, Block, read_blocks  # noqa: E402
 from server_process import VIDEO  # noqa: E402
 
 DOCUMENTS = ["README.md", *(f"docs/{page}.md" for page in ("cli", "cpp", "operate", "protocol", "train"))]
@@ -102,10 +102,13 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
 
     def check(self, document):
         for block in read_blocks(document):
-            check = getattr(self, f"check_{block.language}_{block.kind}".rstrip("_"), None)
             with self.subTest(str(block)):
-                self.assertIsNotNone(check, f"no check for a block of ```{block.language} {block.kind}")
-                check(block)
+                self.check_block(block)
+
+    def check_block(self, block):
+        check = getattr(self, f"check_{block.language}_{block.kind}".rstrip("_"), None)
+        self.assertIsNotNone(check, f"no check for a block of ```{block.language} {block.kind}")
+        check(block)
 
     def test_readme(self):
         self.check("README.md")
@@ -250,6 +253,25 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
 
     def check_script(self, words):
         self.assertTrue(os.access(ROOT / words[0], os.X_OK))
+
+    # --- That it finds something.
+
+    def test_what_is_wrong_or_not_known_fails(self):
+        for language, kind, text in (
+                ("sh", "", "frobnicate video.mp4"), ("perl", "", "print 1"), ("text", "", "so what"),
+                ("sh", "", "make nothing"), ("sh", "", "make demo NOTHING=1"),
+                ("sh", "", "build/release/bin/holdfast track none.mp4 --grid=1 --out=x.json"),
+                ("sh", "", "docker run holdfast-nothing"), ("sh", "", "docker run -p 1:1 holdfast-server"),
+                ("sh", "", "docker run holdfast-client track --nothing"), ("json", "", '{"id": 4}'),
+                ("text", "output", "the server sang a song"), ("text", "protocol", "frame {nothing: 1}")):
+            with self.subTest(text), self.assertRaises(AssertionError):
+                self.check_block(Block("x.md", 1, language, kind, text + "\n"))
+
+    def test_blocks_that_would_be_passed_over_are_errors(self):
+        for text in ("```\nmake\n```\n", "Text:\n\n    make\n", "```sh\nmake\n"):
+            (self.folder / "x.md").write_text(text, encoding="utf-8")
+            with self.subTest(text), self.assertRaises(ValueError):
+                read_blocks(self.folder / "x.md")
 
     # --- Of the whole pages.
 
