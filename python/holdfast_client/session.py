@@ -63,9 +63,13 @@ class Session(BaseSession):
         if message is not None:
             self._send(message)
 
-    def updates(self) -> list[Update]:
-        """What has come since the last call, without waiting."""
+    def updates(self, timeout: float = 0.0) -> list[Update]:
+        """What has come since the last call; where nothing has, waits for it so many seconds. Raises what ended the
+        session."""
         with self._changed:
+            self._changed.wait_for(lambda: self._updates or self._ended, timeout)
+            if not self._updates and self._error is not None:
+                raise self._error
             return self._take_updates()
 
     def finish(self) -> Tracks:
