@@ -42,17 +42,25 @@ ABSL_FLAG(std::string, points, "",
           "load: a number, of points of each session; 64 by default.");
 ABSL_FLAG(int, grid, 0, "Tracks about this many points spread over the frame, or this many on --mask.");
 ABSL_FLAG(std::string, mask, "", "Spreads points over the nonzero pixels of this picture, which has the frame's size.");
-ABSL_FLAG(int64_t, query_frame, 0, "Starts the points of --grid and --mask at this frame.");
+ABSL_FLAG(int64_t, query_frame, -1,
+          "Starts the points of --grid and --mask at this frame. -1: at the first one that is tracked.");
 ABSL_FLAG(
     std::string, out, "",
-    "Writes the tracks to this file: .json, .csv, .npz, .dlc.csv (DeepLabCut) or .xml (CVAT). -: a line of JSON for "
-    "each estimate as it comes, to standard output.");
+    "Writes the tracks to this file: .json, .csv, .npz, .dlc.csv (DeepLabCut), .xml (CVAT) or .3de.txt (3DEqualizer, "
+    "Blender). -: a line of JSON for each estimate as it comes, to standard output.");
 ABSL_FLAG(std::string, overlay, "", "Writes a video with the tracks drawn on it to this file: .mp4.");
 ABSL_FLAG(std::string, still, "", "Writes one picture of the overlay to this file: .png or .jpg.");
 ABSL_FLAG(int64_t, still_frame, holdfast::OverlayVideo::Options().still_frame,
           "Shows this frame in --still. -1: the last one.");
 ABSL_FLAG(int, trail_frames, holdfast::OverlayVideo::Options().trail_frames, "Draws trails of this many frames.");
-ABSL_FLAG(int64_t, max_frames, 0, "Stops after this many frames. 0: at the end of the video.");
+ABSL_FLAG(bool, show, false, "Shows the tracks in a window as soon as they are known. Esc or q ends as Ctrl-C does.");
+ABSL_FLAG(int64_t, start_frame, 0, "Tracks from this frame of the input on. Frames keep the numbers of the input.");
+ABSL_FLAG(int64_t, every, 1,
+          "Tracks every so-many-th frame of the input, from --start_frame on, and those that points start on.");
+ABSL_FLAG(int64_t, max_frames, 0, "Stops after having tracked this many frames. 0: at the end of the video.");
+ABSL_FLAG(bool, both, false,
+          "Follows each point from the frame it starts on back to the first frame, too. Keeps frames in a file below "
+          "TMPDIR until the end.");
 ABSL_FLAG(int, max_side, 0,
           "Shrinks frames before they are sent, so that their longest side has this many pixels: less to send, less "
           "detail. 0: sends them as they are.");
@@ -63,7 +71,9 @@ ABSL_FLAG(holdfast::ImageSize, processing_size, {},
 ABSL_FLAG(int, hop, 0, "Asks for a window after this many new frames. 0: the server's default.");
 ABSL_FLAG(int, iterations, 0, "Asks for this many refinement iterations of a window. 0: the server's default.");
 ABSL_FLAG(bool, live, false,
-          "Has every frame answered at once with what optical flow says, and shows that in --overlay and --still.");
+          "Has every frame answered at once with what optical flow says, and shows that in --overlay, --still and "
+          "--show. Of an input that does not wait, such as a camera, frames are left out when they come faster than "
+          "answers.");
 ABSL_FLAG(double, promise_fps, 0,
           "Asks the server to promise this many frames a second, and ends where it cannot. 0: at the pace that it has "
           "time for.");
@@ -111,10 +121,10 @@ std::string Help() {
       "\nWhen the server is lost (track):\n", DescribeFlags({"resume", "buffer_mib", "reconnect_timeout"}),
       "\nPoints (track; at least one of points, grid and mask):\n",
       DescribeFlags({"points", "grid", "mask", "query_frame"}),
-      "\nResults (track; at least one of out, overlay and still):\n",
-      DescribeFlags({"out", "overlay", "still", "still_frame", "trail_frames"}), "\nTracking (track):\n",
-      DescribeFlags(
-          {"max_frames", "max_side", "jpeg_quality", "processing_size", "hop", "iterations", "live", "promise_fps"}),
+      "\nResults (track; at least one of out, overlay, still and show):\n",
+      DescribeFlags({"out", "overlay", "still", "still_frame", "show", "trail_frames"}), "\nTracking (track):\n",
+      DescribeFlags({"start_frame", "every", "max_frames", "both", "max_side", "jpeg_quality", "processing_size", "hop",
+                     "iterations", "live", "promise_fps"}),
       "\nInfo:\n", DescribeFlags({"json"}),
       "\nLoad (with points, out, max_side, jpeg_quality, processing_size, hop, live and promise_fps of above):\n",
       DescribeFlags({"sessions", "fps", "seconds", "ramp", "slow", "cancel", "bad"}));
@@ -127,7 +137,10 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
                     absl::GetFlag(FLAGS_query_frame)};
   options.out = absl::GetFlag(FLAGS_out);
   options.overlay = {absl::GetFlag(FLAGS_overlay), absl::GetFlag(FLAGS_still), absl::GetFlag(FLAGS_still_frame),
-                     absl::GetFlag(FLAGS_trail_frames)};
+                     absl::GetFlag(FLAGS_trail_frames), absl::GetFlag(FLAGS_show)};
+  options.start_frame = absl::GetFlag(FLAGS_start_frame);
+  options.every = absl::GetFlag(FLAGS_every);
+  options.both = absl::GetFlag(FLAGS_both);
   options.max_frames = absl::GetFlag(FLAGS_max_frames);
   options.max_side = absl::GetFlag(FLAGS_max_side);
   options.jpeg_quality = absl::GetFlag(FLAGS_jpeg_quality);
@@ -252,7 +265,9 @@ int Track(const std::vector<std::string>& args, const Console& console, StopSign
   const auto connect = [&server]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
     return RemoteTracker::Connect(*server);
   };
-  const absl::Status status = RunTrack(*options, {connect, stop, console.out, console.err, console.terminal});
+  const absl::Status status =
+      RunTrack(*options, {connect, stop, console.out, console.err, console.terminal,
+                          [](std::function<void()> quit) { return OpenPictureWindow("Holdfast", std::move(quit)); }});
   if (status.ok()) return kOk;
   const bool interrupted = absl::IsCancelled(status) && stop.stopped();
   return Fail(console, status, interrupted ? SignalExitCode(stop.signal()) : kFailed);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/overlay_video.h"
 
+#include <algorithm>
 #include <opencv2/imgcodecs.hpp>
 #include <utility>
 
@@ -25,8 +26,8 @@ absl::Status OverlayVideo::Options::Validate() const {
   return absl::OkStatus();
 }
 
-OverlayVideo::OverlayVideo(Options options, const VideoFacts& video)
-    : options_(std::move(options)), video_(video), painter_(options_.trail_frames) {}
+OverlayVideo::OverlayVideo(Options options, const VideoFacts& video, Show show)
+    : options_(std::move(options)), show_(std::move(show)), video_(video), painter_(options_.trail_frames) {}
 
 absl::Status OverlayVideo::Add(const cv::Mat& frame) {
   if (!options_.wanted()) return absl::OkStatus();
@@ -34,22 +35,47 @@ absl::Status OverlayVideo::Add(const cv::Mat& frame) {
     const absl::Status opened = OpenWriter();
     if (!opened.ok()) return opened;
   }
+  std::vector<uint8_t> jpeg;
   try {
-    held_.emplace_back();
-    cv::imencode(".jpg", frame, held_.back(), {cv::IMWRITE_JPEG_QUALITY, kHeldQuality});
+    cv::imencode(".jpg", frame, jpeg, {cv::IMWRITE_JPEG_QUALITY, kHeldQuality});
   } catch (const cv::Exception& e) {
     return absl::InternalError(e.err);
   }
-  return absl::OkStatus();
+  return Hold(std::move(jpeg));
+}
+
+absl::Status OverlayVideo::Hold(std::vector<uint8_t> jpeg) {
+  ++added_;
+  if (!options_.keep_long) {
+    held_.push_back(std::move(jpeg));
+    return absl::OkStatus();
+  }
+  if (!spool_) {
+    absl::StatusOr<FrameSpool> spool = FrameSpool::Create();
+    if (!spool.ok()) return spool.status();
+    spool_.emplace(*std::move(spool));
+  }
+  return spool_->Append({reinterpret_cast<const char*>(jpeg.data()), jpeg.size()});
+}
+
+absl::StatusOr<cv::Mat> OverlayVideo::TakeHeld() {
+  if (spool_) {
+    const absl::StatusOr<std::string> jpeg = spool_->Read(painted_);
+    if (!jpeg.ok()) return jpeg.status();
+    return cv::imdecode(std::vector<uint8_t>(jpeg->begin(), jpeg->end()), cv::IMREAD_COLOR);
+  }
+  cv::Mat picture = cv::imdecode(held_.front(), cv::IMREAD_COLOR);
+  held_.pop_front();
+  return picture;
 }
 
 absl::Status OverlayVideo::Paint(const TrackTable& table, int64_t end) {
-  for (; painted_ < end && !held_.empty(); ++painted_) {
+  for (; painted_ < std::min(end, added_); ++painted_) {
     try {
-      cv::Mat picture = cv::imdecode(held_.front(), cv::IMREAD_COLOR);
-      held_.pop_front();
-      painter_.Paint(table, painted_, picture);
-      Write(std::move(picture));
+      absl::StatusOr<cv::Mat> picture = TakeHeld();
+      if (!picture.ok()) return picture.status();
+      painter_.Paint(table, painted_, *picture);
+      Write(table.Number(painted_), *std::move(picture));
     } catch (const cv::Exception& e) {
       return absl::InternalError(absl::StrCat("overlay: ", e.err));
     }
@@ -68,9 +94,10 @@ absl::Status OverlayVideo::OpenWriter() {
   return absl::UnavailableError(absl::StrCat(options_.video, ": no encoder for H.264 or MPEG-4 can write it"));
 }
 
-void OverlayVideo::Write(cv::Mat picture) {
+void OverlayVideo::Write(int64_t number, cv::Mat picture) {
   if (!options_.video.empty()) writer_.write(picture);
-  if (options_.still_frame < 0 || painted_ <= options_.still_frame) still_ = std::move(picture);
+  if (options_.show) show_(picture);
+  if (options_.still_frame < 0 || number <= options_.still_frame) still_ = std::move(picture);
 }
 
 absl::Status OverlayVideo::Close() {

@@ -30,14 +30,14 @@ absl::Status WrongField(absl::string_view where, absl::string_view field, absl::
 // Collects points and refuses what no source may contain.
 class PointList {
  public:
-  explicit PointList(ImageSize size) : size_(size) {}
+  PointList(ImageSize size, int64_t first_frame) : size_(size), first_frame_(first_frame) {}
 
   absl::Status Add(const std::string& where, StartPoint point) {
     const auto [x, y] = std::pair(point.query.x, point.query.y);
     if (point.query.id > kMaxId) return WrongField(where, "id", absl::StrCat(point.query.id), "less than 2^53");
     if (!Inside(x, size_.width)) return WrongField(where, "x", absl::StrCat(x), Range(size_.width));
     if (!Inside(y, size_.height)) return WrongField(where, "y", absl::StrCat(y), Range(size_.height));
-    if (point.frame < 0) return WrongField(where, "frame", absl::StrCat(point.frame), "0 or more");
+    if (point.frame < first_frame_) return WrongField(where, "frame", absl::StrCat(point.frame), FramesThere());
     const auto [earlier, is_new] = places_.emplace(point.query.id, where);
     if (!is_new)
       return WrongField(where, "id", absl::StrCat(point.query.id, " again"), "each id once; see " + earlier->second);
@@ -57,19 +57,25 @@ class PointList {
   }
   static std::string Range(int side) { return absl::StrCat("0..", side - 1, ", inside the frame"); }
 
+  std::string FramesThere() const {
+    return first_frame_ == 0 ? "0 or more" : absl::StrCat("--start_frame=", first_frame_, " or more");
+  }
+
   const ImageSize size_;
+  const int64_t first_frame_;
   std::map<PointId, std::string> places_;
   std::vector<StartPoint> points_;
 };
 
 bool IsHeader(absl::string_view line) { return line == "id,x,y" || line == "id,x,y,frame"; }
 
-absl::StatusOr<StartPoint> ParseCsvLine(const std::string& where, absl::string_view line) {
+absl::StatusOr<StartPoint> ParseCsvLine(const std::string& where, absl::string_view line, int64_t first_frame) {
   const std::vector<absl::string_view> fields = absl::StrSplit(line, ',');
   if (fields.size() != 3 && fields.size() != 4) {
     return WrongField(where, "the line", absl::StrCat("of ", fields.size(), " fields"), "id,x,y or id,x,y,frame");
   }
   StartPoint point;
+  point.frame = first_frame;
   if (!absl::SimpleAtoi(fields[0], &point.query.id)) return WrongField(where, "id", fields[0], "a whole number");
   if (!absl::SimpleAtof(fields[1], &point.query.x)) return WrongField(where, "x", fields[1], "a number");
   if (!absl::SimpleAtof(fields[2], &point.query.y)) return WrongField(where, "y", fields[2], "a number");
@@ -83,9 +89,10 @@ std::string Shown(const json& value) {
   return value.dump(-1, ' ', false, json::error_handler_t::replace).substr(0, 40);
 }
 
-absl::StatusOr<StartPoint> ParseJsonPoint(const std::string& where, const json& value) {
+absl::StatusOr<StartPoint> ParseJsonPoint(const std::string& where, const json& value, int64_t first_frame) {
   if (!value.is_object()) return WrongField(where, "the point", Shown(value), "an object with id, x and y");
   StartPoint point;
+  point.frame = first_frame;
   const json none;
   const auto field = [&](const char* name) -> const json& { return value.contains(name) ? value.at(name) : none; };
   if (!field("id").is_number_unsigned()) return WrongField(where, "id", Shown(field("id")), "a whole number");
@@ -127,15 +134,15 @@ absl::StatusOr<std::string> ReadText(const std::string& path) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<StartPoint>> ParsePointsCsv(absl::string_view text, ImageSize size) {
-  PointList points(size);
+absl::StatusOr<std::vector<StartPoint>> ParsePointsCsv(absl::string_view text, ImageSize size, int64_t first_frame) {
+  PointList points(size, first_frame);
   int number = 0;
   for (absl::string_view line : absl::StrSplit(text, '\n')) {
     ++number;
     line = absl::StripAsciiWhitespace(line);
     if (line.empty() || line[0] == '#' || IsHeader(line)) continue;
     const std::string where = absl::StrCat("line ", number);
-    absl::StatusOr<StartPoint> point = ParseCsvLine(where, line);
+    absl::StatusOr<StartPoint> point = ParseCsvLine(where, line, first_frame);
     if (!point.ok()) return point.status();
     const absl::Status added = points.Add(where, *std::move(point));
     if (!added.ok()) return added;
@@ -143,16 +150,16 @@ absl::StatusOr<std::vector<StartPoint>> ParsePointsCsv(absl::string_view text, I
   return points.Take();
 }
 
-absl::StatusOr<std::vector<StartPoint>> ParsePointsJson(absl::string_view text, ImageSize size) {
+absl::StatusOr<std::vector<StartPoint>> ParsePointsJson(absl::string_view text, ImageSize size, int64_t first_frame) {
   const absl::StatusOr<json> document = ParseJson(text);
   if (!document.ok()) return document.status();
   const bool wrapped = document->is_object() && document->contains("points");
   const json& list = wrapped ? document->at("points") : *document;
   if (!list.is_array()) return absl::InvalidArgumentError("expected a list of points, or an object with \"points\"");
-  PointList points(size);
+  PointList points(size, first_frame);
   for (size_t i = 0; i < list.size(); ++i) {
     const std::string where = absl::StrCat("points[", i, "]");
-    absl::StatusOr<StartPoint> point = ParseJsonPoint(where, list[i]);
+    absl::StatusOr<StartPoint> point = ParseJsonPoint(where, list[i], first_frame);
     if (!point.ok()) return point.status();
     const absl::Status added = points.Add(where, *std::move(point));
     if (!added.ok()) return added;
@@ -160,14 +167,14 @@ absl::StatusOr<std::vector<StartPoint>> ParsePointsJson(absl::string_view text, 
   return points.Take();
 }
 
-absl::StatusOr<std::vector<StartPoint>> ReadPointFile(const std::string& path, ImageSize size) {
+absl::StatusOr<std::vector<StartPoint>> ReadPointFile(const std::string& path, ImageSize size, int64_t first_frame) {
   const bool csv = absl::EndsWithIgnoreCase(path, ".csv");
   if (!csv && !absl::EndsWithIgnoreCase(path, ".json")) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": point files end in .csv or .json"));
   }
   const absl::StatusOr<std::string> text = ReadText(path);
   if (!text.ok()) return absl::Status(text.status().code(), absl::StrCat(path, ": ", text.status().message()));
-  auto points = csv ? ParsePointsCsv(*text, size) : ParsePointsJson(*text, size);
+  auto points = csv ? ParsePointsCsv(*text, size, first_frame) : ParsePointsJson(*text, size, first_frame);
   if (points.ok()) return points;
   return absl::Status(points.status().code(), absl::StrCat(path, ": ", points.status().message()));
 }

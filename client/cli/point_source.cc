@@ -70,25 +70,27 @@ absl::Status PointOptions::Validate() const {
     return absl::InvalidArgumentError("no points to track: give --grid=100, --points=FILE or --mask=FILE");
   }
   if (grid < 0 || grid > 100000) return absl::InvalidArgumentError("--grid: expected 1..100000");
-  if (query_frame < 0) return absl::InvalidArgumentError("--query_frame: expected 0 or more");
+  if (query_frame < -1) return absl::InvalidArgumentError("--query_frame: expected -1 or more");
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<StartPoint>> CollectPoints(const PointOptions& options, ImageSize size) {
+absl::StatusOr<std::vector<StartPoint>> CollectPoints(const PointOptions& options, ImageSize size,
+                                                      int64_t first_frame) {
   std::vector<StartPoint> points;
   if (!options.file.empty()) {
-    auto read = ReadPointFile(options.file, size);
+    auto read = ReadPointFile(options.file, size, first_frame);
     if (!read.ok()) return read.status();
     points = *std::move(read);
   }
   if (options.grid == 0 && options.mask.empty()) return points;
   const auto generated = GeneratedPoints(options, size);
   if (!generated.ok()) return generated.status();
+  const int64_t frame = options.query_frame < 0 ? first_frame : options.query_frame;
   PointId last_id = 0;
   for (const StartPoint& point : points) last_id = std::max(last_id, point.query.id);
   for (const cv::Point2f& at : *generated) {
     ++last_id;
-    points.push_back({{last_id, at.x, at.y}, options.query_frame, absl::StrCat(last_id)});
+    points.push_back({{last_id, at.x, at.y}, frame, absl::StrCat(last_id)});
   }
   return points;
 }

@@ -12,6 +12,7 @@
 #include "api/point_tracker.h"
 #include "api/types.h"
 #include "client/cli/overlay_video.h"
+#include "client/cli/picture_window.h"
 #include "client/cli/point_source.h"
 #include "program/termination.h"
 
@@ -20,20 +21,24 @@ namespace holdfast {
 struct TrackOptions {
   std::string input;  // as FrameSource::Open takes it
   PointOptions points;
-  std::string out;  // a file as WriteTracks takes it, "-": lines as they come, as TrackLines writes them; empty: none
+  std::string out;  // as TrackOutput takes it
   OverlayVideo::Options overlay;
-  int64_t max_frames = 0;  // 0: all
-  int max_side = 0;        // of the frames sent, pixels; 0: as they are
+  int64_t start_frame = 0;  // of the input: the first one that is tracked
+  int64_t every = 1;        // from there on every so-many-th, and those that points start on
+  int64_t max_frames = 0;   // that are tracked; 0: all
+  bool both = false;        // points are tracked from their queries back to the first frame too
+  int max_side = 0;         // of the frames sent, pixels; 0: as they are
   int jpeg_quality = 92;
   ImageSize processing_size;  // empty: the server's default
   int hop_frames = 0;         // 0: the server's default
   int iterations = 0;         // 0: the server's default
   double promise_fps = 0;     // that the server is to promise; 0: the pace that it has time for
-  bool live = false;  // asks for an estimate on every frame, and shows those; 'out' holds final ones all the same
+  // Asks for an estimate on every frame, and shows those; 'out' holds final ones all the same. Of an input that does
+  // not wait, frames are left out instead of queued.
+  bool live = false;
 
   // What is wrong with the call itself, before any file is opened.
   absl::Status Validate() const;
-  bool lines() const { return out == "-"; }
 };
 
 // What a run needs from outside.
@@ -44,6 +49,8 @@ struct TrackEnvironment {
   std::ostream& out;  // lines of estimates, where they are asked for
   std::ostream& log;  // progress and what was written
   bool terminal;      // whether 'log' is one
+  // Called, where pictures are to be shown, before the input is opened; 'quit' as OpenPictureWindow takes it.
+  std::function<absl::StatusOr<std::unique_ptr<PictureView>>(std::function<void()> quit)> open_view;
 };
 
 // Tracks the points through the input and writes the files. When the session is lost, the input breaks or 'stop' comes,

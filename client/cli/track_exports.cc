@@ -3,6 +3,7 @@
 
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -14,6 +15,7 @@ namespace holdfast {
 namespace {
 
 constexpr absl::string_view kScorer = "holdfast";
+constexpr int k3deColor = 0;                      // of points in 3DEqualizer: red
 constexpr absl::string_view kAnyPoint = "point";  // the label of points without a name
 
 std::string IdOf(const TableTrack& track) { return absl::StrCat(track.start.query.id); }
@@ -26,13 +28,14 @@ std::string Quoted(absl::string_view text) {
   return absl::StrCat("\"", absl::StrReplaceAll(text, {{"\"", "\"\""}}), "\"");
 }
 
-std::vector<std::string> BodyParts(const TrackTable& table) {
+// One for each track, none twice.
+std::vector<std::string> UniqueNames(const TrackTable& table) {
   std::vector<std::string> names;
   std::set<std::string> taken;
   for (const TableTrack& track : table.tracks()) {
     std::string name = HasName(track) ? track.start.name : IdOf(track);
     while (!taken.insert(name).second) absl::StrAppend(&name, "_", IdOf(track));
-    names.push_back(Quoted(name));
+    names.push_back(std::move(name));
   }
   return names;
 }
@@ -54,7 +57,8 @@ std::string LabelOf(const TableTrack& track) {
 void WriteCvatMeta(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
   std::set<std::string> labels;
   for (const TableTrack& track : table.tracks()) labels.insert(LabelOf(track));
-  out << "<meta><task><size>" << extent.frames << "</size><mode>interpolation</mode>"
+  const int64_t size = extent.frames == 0 ? 0 : table.Number(extent.frames - 1) + 1;
+  out << "<meta><task><size>" << size << "</size><mode>interpolation</mode>"
       << "<original_size><width>" << video.size.width << "</width><height>" << video.size.height
       << "</height></original_size>\n<labels>\n";
   for (const std::string& label : labels) {
@@ -77,26 +81,45 @@ void WriteCvatPoint(std::ostream& out, int64_t frame, const TrackSample& sample,
 }
 
 // A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside.
-void WriteCvatTrack(std::ostream& out, const TableTrack& track, ImageSize size, const TrackExtent& extent) {
+void WriteCvatTrack(std::ostream& out, const TrackTable& table, const TableTrack& track, ImageSize size,
+                    const TrackExtent& extent) {
   out << "<track id=\"" << IdOf(track) << "\" label=\"" << LabelOf(track) << "\" source=\"auto\">\n";
   const TrackSample* before = nullptr;
-  for (int64_t frame = track.start.frame; frame < extent.frames; ++frame) {
+  for (int64_t frame = track.first_frame; frame < extent.frames; ++frame) {
     const TrackSample* sample = TrackTable::Estimate(track, frame);
     if (sample != nullptr) {
-      WriteCvatPoint(out, frame, *sample, IsBeyond(*sample, size));
+      WriteCvatPoint(out, table.Number(frame), *sample, IsBeyond(*sample, size));
     } else if (before != nullptr) {
-      WriteCvatPoint(out, frame, *before, /*outside=*/true);
+      WriteCvatPoint(out, table.Number(frame), *before, /*outside=*/true);
     }
     before = sample;
   }
   out << "</track>\n";
 }
 
+std::string OneLine(absl::string_view text) { return absl::StrReplaceAll(text, {{"\r", " "}, {"\n", " "}}); }
+
+// The curve of one point: its number of keys, and those. From the centre of the upper left pixel to the lower left
+// corner of the picture, and from frames that count from 0 to frames that count from 1.
+std::string Curve3de(const TrackTable& table, const TableTrack& track, ImageSize size, int64_t* keys) {
+  std::string curve;
+  for (int64_t frame = track.first_frame; frame < track.first_frame + static_cast<int64_t>(track.samples.size());
+       ++frame) {
+    const TrackSample* sample = TrackTable::Estimate(track, frame);
+    if (sample == nullptr || !sample->visible) continue;
+    ++*keys;
+    absl::StrAppendFormat(&curve, "%d %.6f %.6f\n", table.Number(frame) + 1, sample->x + 0.5,
+                          size.height - (sample->y + 0.5));
+  }
+  return curve;
+}
+
 }  // namespace
 
 void WriteDeepLabCut(std::ostream& out, const TrackTable& table, const TrackExtent& extent) {
   std::string scorers = "scorer", parts = "bodyparts", coords = "coords";
-  for (const std::string& part : BodyParts(table)) {
+  for (const std::string& name : UniqueNames(table)) {
+    const std::string part = Quoted(name);
     for (const char* coord : {"x", "y", "likelihood"}) {
       absl::StrAppend(&scorers, ",", kScorer);
       absl::StrAppend(&parts, ",", part);
@@ -105,7 +128,7 @@ void WriteDeepLabCut(std::ostream& out, const TrackTable& table, const TrackExte
   }
   out << scorers << "\n" << parts << "\n" << coords << "\n";
   for (int64_t frame = 0; frame < extent.frames; ++frame) {
-    out << frame;
+    out << table.Number(frame);
     for (const TableTrack& track : table.tracks()) {
       const TrackSample* sample = TrackTable::Estimate(track, frame);
       out << (sample == nullptr ? ",,," : absl::StrFormat(",%.3f,%.3f,%.3f", sample->x, sample->y, sample->confidence));
@@ -117,8 +140,18 @@ void WriteDeepLabCut(std::ostream& out, const TrackTable& table, const TrackExte
 void WriteCvat(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
   out << "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<annotations>\n<version>1.1</version>\n";
   WriteCvatMeta(out, table, video, extent);
-  for (const TableTrack& track : table.tracks()) WriteCvatTrack(out, track, video.size, extent);
+  for (const TableTrack& track : table.tracks()) WriteCvatTrack(out, table, track, video.size, extent);
   out << "</annotations>\n";
+}
+
+void Write3de(std::ostream& out, const TrackTable& table, const VideoFacts& video) {
+  const std::vector<std::string> names = UniqueNames(table);
+  out << table.tracks().size() << "\n";
+  for (size_t i = 0; i < names.size(); ++i) {
+    int64_t keys = 0;
+    const std::string curve = Curve3de(table, table.tracks()[i], video.size, &keys);
+    out << OneLine(names[i]) << "\n" << k3deColor << "\n" << keys << "\n" << curve;
+  }
 }
 
 }  // namespace holdfast

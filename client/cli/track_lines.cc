@@ -4,7 +4,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/time/time.h"
 
 namespace holdfast {
 namespace {
@@ -23,21 +25,24 @@ TrackLines::TrackLines(const std::vector<StartPoint>& points, std::ostream& out)
   }
 }
 
-bool TrackLines::Write(const TrackUpdate& update) {
-  for (const PointRun& run : update.runs) WriteRun(run);
+bool TrackLines::Write(const TrackUpdate& update, const TrackTable& table) {
+  for (const PointRun& run : update.runs) {
+    for (size_t i = 0; i < run.x.size(); ++i) out_ << Line(run, i, table);
+  }
   return static_cast<bool>(out_.flush());
 }
 
-void TrackLines::WriteRun(const PointRun& run) {
+std::string TrackLines::Line(const PointRun& run, size_t i, const TrackTable& table) const {
+  const int64_t frame = run.first_frame + static_cast<int64_t>(i);
   const auto name = names_.find(run.id);
-  for (size_t i = 0; i < run.x.size(); ++i) {
-    out_ << absl::StrFormat(
-        "{\"id\": %d, \"name\": %s, \"frame\": %d, \"x\": %s, \"y\": %s, \"visible\": %s, \"confidence\": %s, "
-        "\"final\": %s}\n",
-        run.id, name == names_.end() ? "\"\"" : name->second, run.first_frame + static_cast<int64_t>(i),
-        Number(run.x[i]), Number(run.y[i]), Word(run.visible[i] != 0), Number(run.confidence[i]),
-        Word(static_cast<int64_t>(i) < run.final_count));
-  }
+  const auto time = table.CaptureTime(frame);
+  const std::string captured =
+      time ? absl::StrCat(", \"capture_time\": \"", absl::FormatTime(*time, absl::UTCTimeZone()), "\"") : "";
+  return absl::StrFormat(
+      "{\"id\": %d, \"name\": %s, \"frame\": %d, \"x\": %s, \"y\": %s, \"visible\": %s, \"confidence\": %s, "
+      "\"final\": %s%s}\n",
+      run.id, name == names_.end() ? "\"\"" : name->second, table.Number(frame), Number(run.x[i]), Number(run.y[i]),
+      Word(run.visible[i] != 0), Number(run.confidence[i]), Word(static_cast<int64_t>(i) < run.final_count), captured);
 }
 
 bool TrackLines::End(const TrackExtent& extent) {

@@ -9,11 +9,12 @@
 #include "api/types.h"
 #include "client/cli/point_file.h"
 #include "client/cli/track_extent.h"
+#include "client/cli/track_table.h"
 
 namespace holdfast {
 
 // Estimates as they come, a line of JSON each (NDJSON):
-//   {"id", "name", "frame", "x", "y", "visible", "confidence", "final"}
+//   {"id", "name", "frame", "x", "y", "visible", "confidence", "final"}, and "capture_time" where the table knows one
 // A later line about the same point and frame takes the place of an earlier one, until one is final. The last line is
 //   {"complete", "frames", "final_frames", "expected_frames"}, as in TrackExtent.
 // Not thread-safe.
@@ -22,12 +23,12 @@ class TrackLines {
   // 'out' must outlive the object.
   TrackLines(const std::vector<StartPoint>& points, std::ostream& out);
 
-  // Each writes and flushes. False: whoever reads the lines is gone.
-  bool Write(const TrackUpdate& update);
+  // Each writes and flushes. False: whoever reads the lines is gone. 'table': knows what the input calls the frames.
+  bool Write(const TrackUpdate& update, const TrackTable& table);
   bool End(const TrackExtent& extent);
 
  private:
-  void WriteRun(const PointRun& run);
+  std::string Line(const PointRun& run, size_t i, const TrackTable& table) const;
 
   absl::flat_hash_map<PointId, std::string> names_;  // as JSON
   std::ostream& out_;

@@ -8,33 +8,63 @@
 
 namespace holdfast {
 
-TrackTable::TrackTable(std::vector<StartPoint> points) {
+// Until a point's frame comes its query_frame lies behind all that came, as no frame of the input has a larger number
+// in the session than in the input.
+TrackTable::TrackTable(std::vector<StartPoint> points, Direction direction) : direction_(direction) {
   for (StartPoint& point : points) {
     index_[point.query.id] = tracks_.size();
-    tracks_.push_back({std::move(point), {}, 0});
+    const int64_t query_frame = point.frame;
+    tracks_.push_back({std::move(point), query_frame, query_frame, {}, 0, 0});
   }
+}
+
+void TrackTable::AddFrame(int64_t number, std::optional<absl::Time> capture_time) {
+  const auto frame = static_cast<int64_t>(input_frames_.size());
+  input_frames_.push_back({number, capture_time});
+  for (TableTrack& track : tracks_) {
+    if (track.start.frame != number) continue;
+    track.query_frame = frame;
+    track.first_frame = direction_ == Direction::kBoth ? 0 : frame;
+  }
+}
+
+int64_t TrackTable::Number(int64_t frame) const {
+  return frame < static_cast<int64_t>(input_frames_.size()) ? input_frames_[frame].number : frame;
+}
+
+std::optional<absl::Time> TrackTable::CaptureTime(int64_t frame) const {
+  if (frame >= static_cast<int64_t>(input_frames_.size())) return std::nullopt;
+  return input_frames_[frame].capture_time;
 }
 
 absl::Status TrackTable::Apply(const TrackUpdate& update) {
   frames_ = std::max(frames_, update.frames_received);
   for (const PointRun& run : update.runs) {
-    const absl::Status applied = ApplyRun(run);
-    if (!applied.ok()) return applied;
+    if (absl::Status applied = ApplyRun(run, /*backward=*/false); !applied.ok()) return applied;
   }
   return absl::OkStatus();
 }
 
-absl::Status TrackTable::ApplyRun(const PointRun& run) {
+absl::Status TrackTable::ApplyBackward(const TrackUpdate& update) {
+  for (const PointRun& run : update.runs) {
+    if (absl::Status applied = ApplyRun(run, /*backward=*/true); !applied.ok()) return applied;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status TrackTable::ApplyRun(const PointRun& run, bool backward) {
   const auto found = index_.find(run.id);
   if (found == index_.end())
     return absl::InternalError(absl::StrCat("the tracker answered for point ", run.id, ", which was never sent"));
   TableTrack& track = tracks_[found->second];
-  const int64_t length = static_cast<int64_t>(run.x.size());
-  const int64_t first = run.first_frame - track.start.frame;
-  if (first < 0 || run.first_frame > frames_ - length) {
+  const int64_t begin = backward ? track.first_frame : track.query_frame;
+  const int64_t end_of_life = backward ? std::min(frames_, track.query_frame) : frames_;
+  const auto length = static_cast<int64_t>(run.x.size());
+  const int64_t first = run.first_frame - track.first_frame;
+  if (run.first_frame < begin || run.first_frame > end_of_life - length) {
     return absl::InternalError(absl::StrCat("the tracker answered for point ", run.id, " on frames ", run.first_frame,
-                                            "..", run.first_frame + length - 1, "; it lives on frames ",
-                                            track.start.frame, "..", frames_ - 1));
+                                            "..", run.first_frame + length - 1, "; it lives on frames ", begin, "..",
+                                            end_of_life - 1));
   }
   if (static_cast<int64_t>(track.samples.size()) < first + length) track.samples.resize(first + length);
   for (int64_t i = 0; i < length; ++i) {
@@ -52,7 +82,7 @@ absl::Status TrackTable::ApplyRun(const PointRun& run) {
 
 int64_t TrackTable::final_frames() const {
   int64_t frames = frames_;
-  for (const TableTrack& track : tracks_) frames = std::min(frames, track.start.frame + track.final_frames);
+  for (const TableTrack& track : tracks_) frames = std::min(frames, track.first_frame + track.final_frames);
   return frames;
 }
 
@@ -60,7 +90,7 @@ int64_t TrackTable::estimated_frames() const {
   int64_t frames = 0;
   for (const TableTrack& track : tracks_) {
     if (!track.samples.empty()) {
-      frames = std::max(frames, track.start.frame + static_cast<int64_t>(track.samples.size()));
+      frames = std::max(frames, track.first_frame + static_cast<int64_t>(track.samples.size()));
     }
   }
   return frames;
@@ -68,12 +98,12 @@ int64_t TrackTable::estimated_frames() const {
 
 int64_t TrackTable::answered_frames() const {
   int64_t frames = frames_;
-  for (const TableTrack& track : tracks_) frames = std::min(frames, track.start.frame + track.answered_frames);
+  for (const TableTrack& track : tracks_) frames = std::min(frames, track.first_frame + track.answered_frames);
   return frames;
 }
 
 const TrackSample* TrackTable::Estimate(const TableTrack& track, int64_t frame) {
-  const int64_t i = frame - track.start.frame;
+  const int64_t i = frame - track.first_frame;
   if (i < 0 || i >= static_cast<int64_t>(track.samples.size()) || track.samples[i].is_absent()) return nullptr;
   return &track.samples[i];
 }

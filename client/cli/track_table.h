@@ -2,11 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
 #include "absl/status/status.h"
+#include "absl/time/time.h"
 #include "api/types.h"
 #include "client/cli/point_file.h"
 
@@ -24,9 +26,11 @@ struct TrackSample {
   bool is_final() const { return state == State::kFinal; }
 };
 
-// One point's life: samples[i] belongs to frame start.frame + i.
+// One point's life: samples[i] belongs to frame first_frame + i.
 struct TableTrack {
-  StartPoint start;
+  StartPoint start;         // its frame is the input's
+  int64_t query_frame = 0;  // the session's frame that the point starts on
+  int64_t first_frame = 0;  // the same, or 0 where the point has started and is tracked backwards too
   std::vector<TrackSample> samples;
   int64_t final_frames = 0;     // the first so many samples are final
   int64_t answered_frames = 0;  // the first so many samples are there
@@ -34,12 +38,26 @@ struct TableTrack {
 
 // Joins the runs of a session into one track per point. A provisional estimate never replaces a final one. Not
 // thread-safe.
+//
+// A session counts its frames from 0 without gaps, and so does the table. Which frames of the input these are, AddFrame
+// says; without it they are the input's first ones.
 class TrackTable {
  public:
-  explicit TrackTable(std::vector<StartPoint> points);
+  enum class Direction { kForward, kBoth };
+  explicit TrackTable(std::vector<StartPoint> points, Direction direction = Direction::kForward);
+
+  // The session's next frame is this one of the input; points that start there start now.
+  // REQUIRES: numbers ascend.
+  void AddFrame(int64_t number, std::optional<absl::Time> capture_time = {});
+  int64_t input_frames() const { return static_cast<int64_t>(input_frames_.size()); }  // added
+  // The input's number of a frame of the session.
+  int64_t Number(int64_t frame) const;
+  std::optional<absl::Time> CaptureTime(int64_t frame) const;
 
   // INTERNAL when the update speaks of points or frames that the session does not have.
   absl::Status Apply(const TrackUpdate& update);
+  // The same for estimates of frames before those that points start on.
+  absl::Status ApplyBackward(const TrackUpdate& update);
 
   const std::vector<TableTrack>& tracks() const { return tracks_; }
   int64_t frames() const { return frames_; }  // frames the tracker has accepted so far
@@ -53,10 +71,16 @@ class TrackTable {
   static const TrackSample* Estimate(const TableTrack& track, int64_t frame);
 
  private:
-  absl::Status ApplyRun(const PointRun& run);
+  struct InputFrame {
+    int64_t number;
+    std::optional<absl::Time> capture_time;
+  };
+  absl::Status ApplyRun(const PointRun& run, bool backward);
 
+  const Direction direction_;
   std::vector<TableTrack> tracks_;
   absl::flat_hash_map<PointId, size_t> index_;
+  std::vector<InputFrame> input_frames_;
   int64_t frames_ = 0;
 };
 

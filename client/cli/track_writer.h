@@ -13,16 +13,22 @@
 namespace holdfast {
 
 // T is the number of frames up to the last estimate, and of all frames where the run was complete.
+// Frames have the numbers of the input, and 'fps' is of the input, so that number / fps is a time in it.
 // kJson: {width, height, fps, frames: T, complete, final_frames, expected_frames,
-//         points: [{id, name, frames[], xy[[x, y]], visible[], confidence[]}]}
+//         points: [{id, name, frames[], xy[[x, y]], visible[], confidence[]}]}; for inputs whose frames have a capture
+//         time also capture_times: [[frame, "2026-01-31T12:00:00.25+00:00"]]
 // kCsv:  id,frame,x,y,visible,confidence; a line for each estimate and no word on how much is missing
 // kNpz:  tracks [N, T, 2] float32 pixels (NaN where absent), visible [N, T] bool, confidence [N, T] float32,
-//        ids [N] int64; complete bool, final_frames int64 and expected_frames int64 without dimensions
+//        ids [N] int64, names [N] text, query_frames [N] int64 (where each point starts), frames [T] int64 (the number
+//        of each column), size [2] int64 (width, height); fps float64, complete bool, final_frames int64 and
+//        expected_frames int64 without dimensions; for inputs whose frames have a capture time also capture_times [T]
+//        float64, seconds since 1970
 // 'complete', 'final_frames' and 'expected_frames' as in TrackExtent.
-// kDeepLabCut, kCvat: see track_exports.h
-enum class TrackFormat { kJson, kCsv, kNpz, kDeepLabCut, kCvat };
+// kDeepLabCut, kCvat, k3de: see track_exports.h
+enum class TrackFormat { kJson, kCsv, kNpz, kDeepLabCut, kCvat, k3de };
 
-// By the path's suffix; INVALID_ARGUMENT for others than .json, .csv, .npz, .dlc.csv (DeepLabCut) and .xml (CVAT).
+// By the path's suffix; INVALID_ARGUMENT for others than .json, .csv, .npz, .dlc.csv (DeepLabCut), .xml (CVAT)
+// and .3de.txt (3DEqualizer).
 absl::StatusOr<TrackFormat> TrackFormatOf(absl::string_view path);
 
 struct VideoFacts {

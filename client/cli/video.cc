@@ -32,10 +32,10 @@ bool IsPicture(const fs::path& path) {
 
 double UsableFps(double fps) { return std::isfinite(fps) && fps > 0 && fps < 1000 ? fps : kDefaultFps; }
 
-// An empty picture is a valid answer of 'read': the end.
-absl::StatusOr<cv::Mat> WithoutException(const std::string& name, const std::function<cv::Mat()>& read) {
+template <typename Call>
+auto WithoutException(const std::string& name, const Call& call) -> absl::StatusOr<decltype(call())> {
   try {
-    return read();
+    return call();
   } catch (const cv::Exception& e) {
     return absl::DataLossError(absl::StrCat(name, ": ", e.err));
   }
@@ -56,10 +56,13 @@ void TakeFramesAtOnce() { setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "probesize;32|
 
 }  // namespace
 
-FrameSource::FrameSource(std::string input, Reader read, double fps, int64_t frames)
-    : input_(std::move(input)), read_(std::move(read)), fps_(UsableFps(fps)), frames_(std::max<int64_t>(0, frames)) {}
+FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t frames)
+    : input_(std::move(input)),
+      reader_(std::move(reader)),
+      fps_(UsableFps(fps)),
+      frames_(std::max<int64_t>(0, frames)) {}
 
-absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input) {
+absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input, int64_t first_frame) {
   std::error_code ignored;
   const bool camera = absl::StartsWith(input, kCameraPrefix) || absl::StartsWith(input, "/dev/");
   const bool stream = input == "-" || absl::StrContains(input, "://");
@@ -67,30 +70,18 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
     return absl::NotFoundError(absl::StrCat(input, ": no such file"));
   auto source = camera ? OpenCamera(input) : fs::is_directory(input, ignored) ? OpenDirectory(input) : OpenVideo(input);
   if (!source.ok()) return source.status();
-  absl::StatusOr<cv::Mat> first = (*source)->read_();
-  if (!first.ok()) return first.status();
-  if (first->empty()) return absl::InvalidArgumentError(absl::StrCat(input, ": has no frames that can be read"));
-  (*source)->first_ = *std::move(first);
+  if (absl::Status status = (*source)->ReadFirst(first_frame); !status.ok()) return status;
   return source;
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::string& input) {
   auto capture = std::make_shared<cv::VideoCapture>();
   if (input == "-") TakeFramesAtOnce();
-  const auto opened = WithoutException(input, [&] {
-    capture->open(input == "-" ? "pipe:0" : input, cv::CAP_FFMPEG);
-    return cv::Mat();
-  });
+  const auto opened =
+      WithoutException(input, [&] { return capture->open(input == "-" ? "pipe:0" : input, cv::CAP_FFMPEG); });
   if (!opened.ok()) return opened.status();
-  if (!capture->isOpened()) return absl::InvalidArgumentError(absl::StrCat(input, ": is not a video that can be read"));
-  const auto read = [input, capture] {
-    return WithoutException(input, [&capture] {
-      cv::Mat frame;
-      capture->read(frame);
-      return frame.clone();  // the next read reuses the memory
-    });
-  };
-  return std::unique_ptr<FrameSource>(new FrameSource(input, read, capture->get(cv::CAP_PROP_FPS),
+  if (!*opened) return absl::InvalidArgumentError(absl::StrCat(input, ": is not a video that can be read"));
+  return std::unique_ptr<FrameSource>(new FrameSource(input, ReaderOf(input, capture), capture->get(cv::CAP_PROP_FPS),
                                                       std::llround(capture->get(cv::CAP_PROP_FRAME_COUNT))));
 }
 
@@ -104,14 +95,15 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const st
   if (paths.empty()) return absl::NotFoundError(absl::StrCat(input, ": the directory has no .jpg or .png file"));
   std::sort(paths.begin(), paths.end());
   const auto count = static_cast<int64_t>(paths.size());
-  const auto read = [paths = std::move(paths), next = size_t{0}]() mutable -> absl::StatusOr<cv::Mat> {
-    if (next == paths.size()) return cv::Mat();
-    const std::string& path = paths[next++];
+  auto next = std::make_shared<size_t>(0);
+  const auto advance = [next, count] { return static_cast<int64_t>((*next)++) < count; };
+  const auto retrieve = [paths = std::move(paths), next]() -> absl::StatusOr<cv::Mat> {
+    const std::string& path = paths[*next - 1];
     absl::StatusOr<cv::Mat> frame = WithoutException(path, [&path] { return cv::imread(path, cv::IMREAD_COLOR); });
     if (frame.ok() && frame->empty()) return absl::DataLossError(absl::StrCat(path, ": is not a picture"));
     return frame;
   };
-  return std::unique_ptr<FrameSource>(new FrameSource(input, read, kDefaultFps, count));
+  return std::unique_ptr<FrameSource>(new FrameSource(input, {advance, retrieve}, kDefaultFps, count));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::string& input) {
@@ -124,22 +116,57 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::
   auto capture = std::make_shared<cv::VideoCapture>();
   if (!capture->open(device, cv::CAP_V4L2))
     return absl::NotFoundError(absl::StrCat(input, ": no camera answers there"));
-  const auto read = [input, capture] {
+  return std::unique_ptr<FrameSource>(
+      new FrameSource(input, ReaderOf(input, capture), capture->get(cv::CAP_PROP_FPS), 0));
+}
+
+FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture) {
+  const auto advance = [input, capture] { return WithoutException(input, [&capture] { return capture->grab(); }); };
+  const auto retrieve = [input, capture] {
     return WithoutException(input, [&capture] {
       cv::Mat frame;
-      capture->read(frame);
-      return frame.clone();
+      capture->retrieve(frame);
+      return frame.clone();  // the next frame reuses the memory
     });
   };
-  return std::unique_ptr<FrameSource>(new FrameSource(input, read, capture->get(cv::CAP_PROP_FPS), 0));
+  return {advance, retrieve};
+}
+
+absl::Status FrameSource::ReadFirst(int64_t frame) {
+  for (; next_number_ < frame; ++next_number_) {
+    const absl::StatusOr<bool> passed = reader_.advance();
+    if (!passed.ok()) return passed.status();
+    if (!*passed) break;
+  }
+  absl::StatusOr<cv::Mat> first = next_number_ < frame ? cv::Mat() : Read();
+  if (!first.ok()) return first.status();
+  if (first->empty() && frame > 0) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(input_, ": has no frame ", frame, ", it ends after ", next_number_, " frames"));
+  }
+  if (first->empty()) return absl::InvalidArgumentError(absl::StrCat(input_, ": has no frames that can be read"));
+  first_ = *std::move(first);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<cv::Mat> FrameSource::Read() {
+  const absl::StatusOr<bool> advanced = reader_.advance();
+  if (!advanced.ok()) return advanced.status();
+  return *advanced ? reader_.retrieve() : cv::Mat();
 }
 
 absl::StatusOr<cv::Mat> FrameSource::Next() {
-  if (next_index_++ == 0) return first_;
-  absl::StatusOr<cv::Mat> frame = read_();
+  const int64_t number = next_number_++;
+  if (std::exchange(first_is_next_, false)) return first_;
+  absl::StatusOr<cv::Mat> frame = Read();
   if (!frame.ok() || frame->empty() || frame->size() == first_.size()) return frame;
-  return absl::DataLossError(absl::StrCat(input_, ": frame ", next_index_ - 1, " is ", frame->cols, "x", frame->rows,
+  return absl::DataLossError(absl::StrCat(input_, ": frame ", number, " is ", frame->cols, "x", frame->rows,
                                           ", the frames before it are ", first_.cols, "x", first_.rows));
+}
+
+absl::StatusOr<bool> FrameSource::Skip() {
+  ++next_number_;
+  return std::exchange(first_is_next_, false) ? true : reader_.advance();
 }
 
 FrameEncoder::FrameEncoder(ImageSize size, int max_side, int jpeg_quality)

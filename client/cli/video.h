@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
 #include <string>
 
 #include "absl/status/status.h"
@@ -18,30 +19,42 @@ class FrameSource {
  public:
   // 'input': a video file, a directory (its .jpg, .jpeg and .png files in the order of their names), "camera:N" or a
   // device such as /dev/video0, an address (rtsp://, http:// or whatever FFmpeg opens), or "-": JPEGs one after the
-  // other on standard input (MJPEG). Reads the first frame, so that an
-  // input without frames is an error here.
-  static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input);
+  // other on standard input (MJPEG). 'first_frame': the number of the frame that Next gives first; those before it are
+  // passed over. Reads that frame, so that an input that does not have it is an error here.
+  static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input, int64_t first_frame = 0);
 
   // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame.
   absl::StatusOr<cv::Mat> Next();
+  // Passes over the frame that Next would give, in a fraction of the time; false where there is none.
+  absl::StatusOr<bool> Skip();
 
   ImageSize size() const { return {first_.cols, first_.rows}; }
   double fps() const { return fps_; }         // a guess of 30 where the input does not say
   int64_t frames() const { return frames_; }  // as the input announces; 0: not known
+  // Whether frames come whether somebody takes them or not, as those of cameras and of whatever does not say how long
+  // it is.
+  bool live() const { return frames_ == 0; }
 
  private:
-  using Reader = std::function<absl::StatusOr<cv::Mat>()>;
-  FrameSource(std::string input, Reader read, double fps, int64_t frames);
+  struct Reader {
+    std::function<absl::StatusOr<bool>()> advance;      // to the next frame; false: there is none
+    std::function<absl::StatusOr<cv::Mat>()> retrieve;  // the frame that is advanced to
+  };
+  FrameSource(std::string input, Reader reader, double fps, int64_t frames);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenVideo(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenDirectory(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenCamera(const std::string& input);
+  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture);
+  absl::Status ReadFirst(int64_t frame);
+  absl::StatusOr<cv::Mat> Read();
 
   const std::string input_;
-  const Reader read_;
+  const Reader reader_;
   const double fps_;
   const int64_t frames_;
   cv::Mat first_;
-  int64_t next_index_ = 0;
+  bool first_is_next_ = true;
+  int64_t next_number_ = 0;
 };
 
 // How frames travel: made smaller where a limit says so, and as JPEG.

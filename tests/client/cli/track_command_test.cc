@@ -71,7 +71,12 @@ class TrackCommandTest : public ::testing::Test {
       ++connections_;
       return std::make_unique<Borrowed>(tracker);
     };
-    return RunTrack(options_, {connect, stop_, out_, log_, /*terminal=*/false});
+    const auto open_view = [this](std::function<void()> quit) -> absl::StatusOr<std::unique_ptr<PictureView>> {
+      if (!no_display_.ok()) return no_display_;
+      quit_ = std::move(quit);
+      return std::make_unique<View>(*this);
+    };
+    return RunTrack(options_, {connect, stop_, out_, log_, /*terminal=*/false, open_view});
   }
 
   nlohmann::json Tracks() { return nlohmann::json::parse(std::ifstream(options_.out)); }
@@ -83,7 +88,20 @@ class TrackCommandTest : public ::testing::Test {
     return frames;
   }
 
+  // Remembers what it was shown.
+  class View final : public PictureView {
+   public:
+    explicit View(TrackCommandTest& test) : test_(test) {}
+    void Show(const cv::Mat& picture) override { test_.shown_.push_back(picture.clone()); }
+
+   private:
+    TrackCommandTest& test_;
+  };
+
   TempDir dir_;
+  absl::Status no_display_;
+  std::function<void()> quit_;
+  std::vector<cv::Mat> shown_;
   TrackOptions options_;
   StopSignal stop_;
   std::ostringstream out_;
@@ -163,6 +181,118 @@ TEST_F(TrackCommandTest, ResultsAreInTheSourcesPixelsWhateverIsSent) {
   const auto sent = tracker.frames()[0].bytes;
   EXPECT_EQ(cv::imdecode(std::vector<char>(sent.begin(), sent.end()), cv::IMREAD_COLOR).cols, 32);
   EXPECT_EQ(Tracks()["points"][0]["xy"][5], nlohmann::json::parse("[20.0, 20.0]"));
+}
+
+TEST_F(TrackCommandTest, ChosenFramesAreTrackedAndOutputsSpeakOfTheInputsFrames) {
+  Points("1,10,20\n2,30,40,4\n");
+  options_.start_frame = 1;
+  options_.every = 2;  // 1, 3, 5, and 4 for the second point
+  options_.overlay.video = dir_.File("overlay.mp4");
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  ASSERT_EQ(tracker.frames().size(), 4u);
+  EXPECT_EQ(tracker.frames()[3].index, 3) << "the session's own count";
+  ASSERT_EQ(tracker.frames()[2].points.size(), 1u);
+  const auto json = Tracks();
+  EXPECT_EQ(json["frames"], 4);
+  EXPECT_EQ(json["expected_frames"], 4);
+  EXPECT_EQ(json["points"][0]["frames"], nlohmann::json::parse("[1, 3, 4, 5]"));
+  EXPECT_EQ(json["points"][0]["xy"][3], nlohmann::json::parse("[13.0, 20.0]"));
+  EXPECT_EQ(json["points"][1]["frames"], nlohmann::json::parse("[4, 5]"));
+  EXPECT_EQ(FramesOf(options_.overlay.video), 4);
+  EXPECT_EQ(cv::VideoCapture(options_.overlay.video).get(cv::CAP_PROP_FPS), json["fps"].get<double>() / 2);
+  EXPECT_THAT(log_.str(), HasSubstr("4/4 frames"));
+}
+
+TEST_F(TrackCommandTest, WhatIsMissingHasTheInputsNumbersToo) {
+  Points("1,10,20\n");
+  options_.start_frame = 1;
+  options_.every = 2;
+  auto behaviour = MovingRight();
+  behaviour.fail_at_frame = 2;
+  FakeTracker tracker(behaviour);
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(log_.str(), HasSubstr("frames 1..3, 2 of 3 (none final), 5 is missing"));
+}
+
+TEST_F(TrackCommandTest, PointsAndInputsThatEndBeforeTheFirstFrameAreRefused) {
+  FakeTracker tracker(MovingRight());
+  options_.start_frame = 3;
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument,
+                                     HasSubstr("line 2: frame is 2, expected --start_frame=3 or more")));
+  options_.start_frame = 6;
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("has no frame 6")));
+  EXPECT_EQ(connections_, 0);
+}
+
+TEST_F(TrackCommandTest, BothTracksThePastOfPointsInASecondSession) {
+  Points("1,10,20\n2,30,40,3\n");
+  options_.both = true;
+  options_.overlay.video = dir_.File("overlay.mp4");
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  ASSERT_EQ(tracker.configs().size(), 2u);
+  ASSERT_EQ(tracker.configs()[1].points.size(), 1u) << "the other point has no past";
+  EXPECT_EQ(tracker.configs()[1].points[0].id, 2u);
+  ASSERT_EQ(tracker.frames().size(), 4u);
+  const auto json = Tracks();
+  EXPECT_EQ(json["complete"], true);
+  EXPECT_EQ(json["final_frames"], 6);
+  EXPECT_EQ(json["points"][1]["frames"], nlohmann::json::parse("[0, 1, 2, 3, 4, 5]"));
+  EXPECT_EQ(json["points"][1]["xy"],
+            nlohmann::json::parse("[[33, 40], [32, 40], [31, 40], [30, 40], [31, 40], [32, 40]]"))
+      << "this tracker's points move to the right whichever way the frames come";
+  EXPECT_EQ(json["points"][0]["xy"][5], nlohmann::json::parse("[15.0, 20.0]"));
+  EXPECT_EQ(FramesOf(options_.overlay.video), 6);
+}
+
+// Opens its first session at one tracker and the next ones at another.
+class TwoTrackers final : public PointTracker {
+ public:
+  TwoTrackers(PointTracker& first, PointTracker& second) : trackers_{&first, &second} {}
+  absl::StatusOr<std::unique_ptr<TrackStream>> Open(const SessionConfig& config, TrackObserver& observer) override {
+    return trackers_[std::min(opened_++, 1)]->Open(config, observer);
+  }
+  absl::StatusOr<TrackerInfo> Info() override { return TrackerInfo{}; }
+
+ private:
+  PointTracker* trackers_[2];
+  int opened_ = 0;
+};
+
+TEST_F(TrackCommandTest, AWayBackThatIsLostLeavesTheWayThereAndSaysSo) {
+  Points("1,10,20\n2,30,40,3\n");
+  options_.both = true;
+  auto behaviour = MovingRight();
+  FakeTracker well(behaviour);
+  behaviour.fail_at_frame = 2;
+  FakeTracker lost(behaviour);
+  TwoTrackers tracker(well, lost);
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kUnavailable));
+  const auto json = Tracks();
+  EXPECT_EQ(json["complete"], false);
+  EXPECT_EQ(json["final_frames"], 0);
+  EXPECT_EQ(json["points"][0]["frames"].size(), 6u);
+  EXPECT_EQ(json["points"][1]["frames"], nlohmann::json::parse("[2, 3, 4, 5]"));
+  EXPECT_THAT(log_.str(), HasSubstr("frames 0..5 of 6 (none final), none is missing"));
+}
+
+TEST_F(TrackCommandTest, TheOverlayIsShown) {
+  options_.out.clear();
+  options_.overlay.show = true;
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  ASSERT_EQ(shown_.size(), 6u);
+  const cv::Vec3b at_point = shown_[5].at<cv::Vec3b>(20, 15), elsewhere = shown_[5].at<cv::Vec3b>(5, 60);
+  EXPECT_GT(cv::norm(at_point, elsewhere), 100) << "the first point is at 15, 20";
+}
+
+TEST_F(TrackCommandTest, WithoutADisplayNothingBegins) {
+  options_.overlay.show = true;
+  no_display_ = absl::UnavailableError("--show: there is no display");
+  FakeTracker tracker(MovingRight());
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kUnavailable, HasSubstr("--show")));
+  EXPECT_EQ(connections_, 0);
 }
 
 TEST_F(TrackCommandTest, PointsAfterTheEndAreReported) {
@@ -321,6 +451,54 @@ TEST_F(TrackCommandTest, WithoutAnyEstimateOldFilesStay) {
   EXPECT_THAT(log_.str(), HasSubstr("no estimate came, no file is written"));
 }
 
+TEST_F(TrackCommandTest, ALiveInputThatComesTooFastIsNotQueued) {
+  // A pipe does not say how long it is, and takes no more than is read of it. The tracker answers its first frames when
+  // hundreds have gone through.
+  Points("1,10,20\n");
+  options_.live = true;
+  options_.input = dir_.File("pipe.y4m");
+  ASSERT_EQ(mkfifo(options_.input.c_str(), 0600), 0);
+  absl::Notification eighth, written;
+  std::thread camera([&] {
+    std::ofstream pipe(options_.input, std::ios::binary);
+    const auto write = [&pipe](int frames) {
+      for (int i = 0; i < frames; ++i) pipe << "FRAME\n" << std::string(64 * 48 * 3 / 2, '\x50');
+      pipe.flush();
+    };
+    pipe << "YUV4MPEG2 W64 H48 F30:1 Ip C420jpeg\n";
+    while (!eighth.HasBeenNotified()) write(1);
+    write(200);
+    written.Notify();
+  });
+  const auto answer = [](TrackObserver& observer, int64_t first, int64_t newest) {
+    TrackUpdate update = Window(first, newest);
+    update.runs[0].final_count = newest - first + 1;
+    observer.OnTracks(update);
+  };
+  int64_t sent = 0;
+  std::thread answers;
+  ScriptedTracker tracker([&](TrackObserver& observer, int64_t frame) {
+    sent = frame + 1;
+    if (frame > 7) answer(observer, frame, frame);
+    if (frame != 7) return absl::OkStatus();
+    eighth.Notify();
+    answers = std::thread([&] {
+      written.WaitForNotification();
+      answer(observer, 0, 7);
+    });
+    return absl::OkStatus();
+  });
+  EXPECT_THAT(Run(tracker), IsOk());
+  camera.join();
+  answers.join();
+  const auto json = Tracks();
+  EXPECT_LT(sent, 100);
+  EXPECT_EQ(json["points"][0]["frames"].size(), static_cast<size_t>(sent));
+  EXPECT_GT(json["points"][0]["frames"].back(), sent) << "a frame's number counts those that were left out";
+  EXPECT_EQ(json["capture_times"].size(), static_cast<size_t>(sent));
+  EXPECT_THAT(log_.str(), HasSubstr(" frames came faster than answers and were left out"));
+}
+
 TEST_F(TrackCommandTest, FramesThatWereNeverSentAreNotBelieved) {
   ScriptedTracker tracker([](TrackObserver& observer, int64_t) {
     observer.OnTracks({{}, int64_t{1} << 40, 1});
@@ -342,6 +520,18 @@ TEST_F(TrackCommandTest, AnInterruptCancelsTheSessionAndKeepsWhatIsThere) {
   EXPECT_EQ(Tracks()["points"][0]["frames"], nlohmann::json::parse("[0, 1, 2]"));
   EXPECT_FALSE(cv::imread(options_.overlay.still).empty());
   EXPECT_THAT(log_.str(), HasSubstr("frames 0..2 of 6 (all final), 3..5 are missing"));
+}
+
+TEST_F(TrackCommandTest, QuittingTheWindowIsAnInterrupt) {
+  Points("1,10,20\n");
+  options_.overlay.show = true;
+  ScriptedTracker tracker([this](TrackObserver& observer, int64_t frame) {
+    observer.OnTracks(Window(frame, frame));
+    if (frame == 2) quit_();
+    return absl::OkStatus();
+  });
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kCancelled, HasSubstr("interrupted")));
+  EXPECT_EQ(Tracks()["frames"], 3);
 }
 
 TEST_F(TrackCommandTest, AnInterruptDoesNotWaitForAnInputThatStalls) {
@@ -380,6 +570,12 @@ TEST(TrackOptionsTest, ValidateNamesWhatIsWrong) {
   EXPECT_THAT(message([](auto& o) { o.jpeg_quality = 101; }), HasSubstr("--jpeg_quality"));
   EXPECT_THAT(message([](auto& o) { o.max_side = 5; }), HasSubstr("--max_side"));
   EXPECT_THAT(message([](auto& o) { o.max_frames = -1; }), HasSubstr("--max_frames"));
+  EXPECT_THAT(message([](auto& o) { o.start_frame = -1; }), HasSubstr("--start_frame"));
+  EXPECT_THAT(message([](auto& o) { o.every = 0; }), HasSubstr("--every"));
+  EXPECT_THAT(message([](auto& o) { o.start_frame = 5, o.points.query_frame = 4; }), HasSubstr("--query_frame"));
+  EXPECT_THAT(message([](auto& o) { o.start_frame = 5, o.overlay.still_frame = 4; }), HasSubstr("--still_frame"));
+  EXPECT_THAT(message([](auto& o) { o.both = o.live = true; }), HasSubstr("--both: "));
+  EXPECT_THAT(message([](auto& o) { o.both = o.overlay.show = true; }), HasSubstr("not with --show"));
   EXPECT_THAT(message([](auto& o) { o.hop_frames = -1; }), HasSubstr("--hop"));
   EXPECT_THAT(message([](auto& o) { o.iterations = -1; }), HasSubstr("--iterations"));
 }

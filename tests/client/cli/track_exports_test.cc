@@ -68,5 +68,34 @@ TEST(TrackExportsTest, CharactersThatXmlHasNotAreLeftOut) {
   EXPECT_THAT(out.str(), HasSubstr("label=\"a b c\""));
 }
 
+TEST(TrackExportsTest, ThreeDeCountsFromTheLowerLeftCornerAndFromFrameOne) {
+  // A picture of 64x48: the centre of its first pixel, and that of its last, half a pixel from the corners.
+  TrackTable table({{{4, 0, 0}, 0, "top\nleft"}, {{9, 0, 0}, 1, "9"}});
+  const PointRun first{4, 0, {0, 63, 1.25f}, {0, 47, 10}, {1, 1, 1}, {1, 1, 1}, 3};
+  const PointRun second{9, 1, {7, 8}, {20, 30}, {0, 1}, {1, 1}, 2};
+  ASSERT_THAT(table.Apply({{first, second}, 3, 3}), IsOk());
+  std::ostringstream out;
+  Write3de(out, table, kVideo);
+  EXPECT_EQ(out.str(),
+            "2\n"
+            "top left\n0\n3\n1 0.500000 47.500000\n2 63.500000 0.500000\n3 1.750000 37.500000\n"
+            "9\n0\n1\n3 8.500000 17.500000\n");
+}
+
+TEST(TrackExportsTest, FramesHaveTheNumbersOfTheInput) {
+  TrackTable table({{{4, 0, 0}, 10, "4"}});
+  for (const int64_t number : {10, 12, 14}) table.AddFrame(number);
+  ASSERT_THAT(table.Apply({{{4, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 2}}, 3, 3}), IsOk());
+  std::ostringstream dlc, cvat, tracks_3de;
+  WriteDeepLabCut(dlc, table, {3, 3, 3, true});
+  EXPECT_THAT(dlc.str(), HasSubstr("\n10,1.000,3.000,1.000\n12,2.000,4.000,1.000\n14,,,\n"));
+  WriteCvat(cvat, table, kVideo, {3, 3, 3, true});
+  EXPECT_THAT(cvat.str(), HasSubstr("<size>15</size>"));
+  EXPECT_THAT(cvat.str(), HasSubstr("frame=\"12\" keyframe=\"1\" outside=\"0\""));
+  EXPECT_THAT(cvat.str(), HasSubstr("frame=\"14\" keyframe=\"1\" outside=\"1\""));
+  Write3de(tracks_3de, table, kVideo);
+  EXPECT_THAT(tracks_3de.str(), HasSubstr("\n2\n11 1.500000 44.500000\n13 2.500000 43.500000\n"));
+}
+
 }  // namespace
 }  // namespace holdfast

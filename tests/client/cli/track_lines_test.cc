@@ -23,7 +23,7 @@ std::vector<json> Lines(const std::string& text) {
 TEST(TrackLinesTest, EveryEstimateIsALineAtOnceAndTheLastOneSaysHowMuchThereIs) {
   std::ostringstream out;
   TrackLines lines({{{4, 0, 0}, 0, "nose \"x\""}}, out);
-  EXPECT_TRUE(lines.Write({{{4, 7, {1.25f, 2}, {10, 20}, {1, 0}, {0.5f, 0.25f}, 1}}, 9, 8}));
+  EXPECT_TRUE(lines.Write({{{4, 7, {1.25f, 2}, {10, 20}, {1, 0}, {0.5f, 0.25f}, 1}}, 9, 8}, TrackTable({})));
   ASSERT_EQ(Lines(out.str()).size(), 2u);
   EXPECT_TRUE(lines.End({9, 8, 12, false}));
   const std::vector<json> all = Lines(out.str());
@@ -38,17 +38,31 @@ TEST(TrackLinesTest, EveryEstimateIsALineAtOnceAndTheLastOneSaysHowMuchThereIs) 
 TEST(TrackLinesTest, WhatJsonDoesNotKnowIsNull) {
   std::ostringstream out;
   TrackLines lines({{{1, 0, 0}, 0, "\xFF"}}, out);
-  lines.Write({{{1, 0, {NAN}, {INFINITY}, {1}, {1}, 0}}, 1, 1});
+  lines.Write({{{1, 0, {NAN}, {INFINITY}, {1}, {1}, 0}}, 1, 1}, TrackTable({}));
   const json line = Lines(out.str()).at(0);
   EXPECT_TRUE(line["x"].is_null());
   EXPECT_TRUE(line["y"].is_null());
+}
+
+TEST(TrackLinesTest, FramesHaveTheNumberAndTheCaptureTimeOfTheInput) {
+  std::ostringstream out;
+  TrackTable table({{{1, 0, 0}, 40, "1"}});
+  table.AddFrame(40, absl::FromUnixMillis(1500));
+  table.AddFrame(43);
+  TrackLines lines({}, out);
+  lines.Write({{{1, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 0}}, 2, 2}, table);
+  const std::vector<json> all = Lines(out.str());
+  EXPECT_EQ(all[0]["frame"], 40);
+  EXPECT_EQ(all[0]["capture_time"], "1970-01-01T00:00:01.5+00:00");
+  EXPECT_EQ(all[1]["frame"], 43);
+  EXPECT_FALSE(all[1].contains("capture_time"));
 }
 
 TEST(TrackLinesTest, SaysWhenNobodyReads) {
   std::ostringstream out;
   out.setstate(std::ios::badbit);
   TrackLines lines({}, out);
-  EXPECT_FALSE(lines.Write({}));
+  EXPECT_FALSE(lines.Write({}, TrackTable({})));
   EXPECT_FALSE(lines.End({}));
 }
 

@@ -102,5 +102,34 @@ TEST(TrackTableTest, AnswersThatContradictTheSessionAreErrors) {
   EXPECT_TRUE(table.tracks()[0].samples.empty());
 }
 
+TEST(TrackTableTest, APointStartsWhereItsFrameComesHoweverManyWereLeftOut) {
+  TrackTable table({Start(1, 10), Start(2, 25)});
+  table.AddFrame(10);
+  table.AddFrame(20, absl::FromUnixSeconds(7));
+  ASSERT_THAT(table.Apply(Update(2, {RunOf(1, 0, {0, 1}, 2)})), IsOk());
+  EXPECT_EQ(table.final_frames(), 2) << "the second point has not come";
+  EXPECT_THAT(table.Apply(Update(3, {RunOf(2, 2, {5}, 1)})), StatusIs(absl::StatusCode::kInternal));
+  table.AddFrame(25);
+  ASSERT_THAT(table.Apply(Update(3, {RunOf(2, 2, {5}, 1)})), IsOk());
+  EXPECT_EQ(FinalX(table, 1, 2), 5);
+  EXPECT_EQ(table.Number(1), 20);
+  EXPECT_EQ(table.CaptureTime(1), absl::FromUnixSeconds(7));
+  EXPECT_EQ(table.CaptureTime(2), std::nullopt);
+}
+
+TEST(TrackTableTest, WhatLiesBeforeAQueryIsTakenFromTheWayBackAlone) {
+  TrackTable table({Start(1, 2)}, TrackTable::Direction::kBoth);
+  for (int64_t number = 0; number < 4; ++number) table.AddFrame(number);
+  EXPECT_THAT(table.Apply(Update(4, {RunOf(1, 1, {1}, 1)})), StatusIs(absl::StatusCode::kInternal));
+  ASSERT_THAT(table.Apply(Update(4, {RunOf(1, 2, {2, 3}, 2)})), IsOk());
+  EXPECT_EQ(table.final_frames(), 0) << "frames 0 and 1 are to come";
+  EXPECT_EQ(TrackTable::Estimate(table.tracks()[0], 1), nullptr);
+  EXPECT_THAT(table.ApplyBackward(Update(0, {RunOf(1, 2, {9}, 1)})), StatusIs(absl::StatusCode::kInternal));
+  ASSERT_THAT(table.ApplyBackward(Update(0, {RunOf(1, 0, {0, 1}, 2)})), IsOk());
+  EXPECT_EQ(table.final_frames(), 4);
+  EXPECT_EQ(FinalX(table, 0, 1), 1);
+  EXPECT_EQ(FinalX(table, 0, 2), 2);
+}
+
 }  // namespace
 }  // namespace holdfast

@@ -28,6 +28,15 @@ TrackTable Example() {
   return table;
 }
 
+// Frames 7 and 9 of the input, with a point that starts on the second.
+TrackTable OfChosenFrames() {
+  TrackTable table({{{9, 0, 0}, 9, "\u00fc\u20ac\U0001f600"}});
+  table.AddFrame(7, absl::FromUnixMillis(12500));
+  table.AddFrame(9);
+  EXPECT_THAT(table.Apply({{{9, 1, {7}, {70}, {1}, {1}, 1}}, 2, 2}), IsOk());
+  return table;
+}
+
 constexpr VideoFacts kVideo{{64, 48}, 10};
 
 constexpr TrackExtent Complete(int64_t frames) { return {frames, frames, frames, true}; }
@@ -56,6 +65,7 @@ TEST(TrackWriterTest, TheSuffixChoosesTheFormat) {
   EXPECT_THAT(TrackFormatOf("b.npz"), IsOkAndHolds(TrackFormat::kNpz));
   EXPECT_THAT(TrackFormatOf("b.dlc.csv"), IsOkAndHolds(TrackFormat::kDeepLabCut));
   EXPECT_THAT(TrackFormatOf("b.xml"), IsOkAndHolds(TrackFormat::kCvat));
+  EXPECT_THAT(TrackFormatOf("b.3de.txt"), IsOkAndHolds(TrackFormat::k3de));
   EXPECT_THAT(TrackFormatOf("b.npy"), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("b.npy")));
 }
 
@@ -132,8 +142,28 @@ assert f['confidence'].dtype == numpy.float32 and f['confidence'].tolist() == [[
 assert f['complete'].dtype == bool and f['complete'].shape == () and not f['complete']
 assert f['final_frames'].dtype == numpy.int64 and f['final_frames'] == 2 and f['expected_frames'] == 7
 assert f['ids'].dtype == numpy.int64 and f['ids'].tolist() == [4, 9]
+assert f['names'].tolist() == ['nose "x"', '9'] and f['query_frames'].tolist() == [0, 1]
+assert f['frames'].tolist() == [0, 1, 2] and f['size'].tolist() == [64, 48] and f['fps'] == 10
+assert 'capture_times' not in f
+f = numpy.load(sys.argv[2])
+assert f['frames'].tolist() == [7, 9] and f['query_frames'].tolist() == [9] and f['names'].tolist() == ['\u00fc\u20ac\U0001f600']
+assert f['tracks'][0, 1].tolist() == [7, 70] and numpy.isnan(f['tracks'][0, 0]).all()
+assert f['capture_times'][0] == 12.5 and numpy.isnan(f['capture_times'][1])
 )";
-  EXPECT_EQ(std::system(("/usr/bin/python3 " + dir.File("check.py") + " " + dir.File("t.npz")).c_str()), 0);
+  ASSERT_THAT(WriteTracks(dir.File("chosen.npz"), OfChosenFrames(), kVideo, Complete(2)), IsOk());
+  const std::string files = " " + dir.File("t.npz") + " " + dir.File("chosen.npz");
+  EXPECT_EQ(std::system(("/usr/bin/python3 " + dir.File("check.py") + files).c_str()), 0);
+}
+
+TEST(TrackWriterTest, FramesHaveTheNumbersOfTheInput) {
+  const TempDir dir;
+  ASSERT_THAT(WriteTracks(dir.File("t.json"), OfChosenFrames(), kVideo, Complete(2)), IsOk());
+  const auto json = nlohmann::json::parse(Content(dir.File("t.json")));
+  EXPECT_EQ(json["frames"], 2);
+  EXPECT_EQ(json["points"][0]["frames"], nlohmann::json::parse("[9]"));
+  EXPECT_EQ(json["capture_times"], nlohmann::json::parse(R"([[7, "1970-01-01T00:00:12.5+00:00"]])"));
+  ASSERT_THAT(WriteTracks(dir.File("t.csv"), OfChosenFrames(), kVideo, Complete(2)), IsOk());
+  EXPECT_THAT(Content(dir.File("t.csv")), HasSubstr("\n9,9,7.000,70.000,1,1.000\n"));
 }
 
 TEST(TrackWriterTest, ATableWithoutFramesIsWrittenToo) {

@@ -68,6 +68,31 @@ TEST(FrameSourceTest, AVideoFileGivesAllItsFrames) {
   EXPECT_EQ(frames, 160);
 }
 
+TEST(FrameSourceTest, BeginsAtAnyFrameAndPassesOverOthers) {
+  const std::string video = HOLDFAST_SOURCE_DIR "/media/pedestrians.mp4";
+  const auto whole = FrameSource::Open(video);
+  const auto source = FrameSource::Open(video, 5);
+  ASSERT_THAT(source, IsOk());
+  std::vector<cv::Mat> frames;
+  for (int i = 0; i < 8; ++i) frames.push_back(*(*whole)->Next());
+  const auto same = [](const absl::StatusOr<cv::Mat>& a, const cv::Mat& b) { return cv::norm(*a, b) == 0; };
+  EXPECT_TRUE(same((*source)->Next(), frames[5]));
+  EXPECT_THAT((*source)->Skip(), IsOkAndHolds(true));
+  EXPECT_TRUE(same((*source)->Next(), frames[7]));
+  EXPECT_FALSE((*source)->live());
+}
+
+TEST(FrameSourceTest, AnInputThatEndsBeforeItsFirstFrameIsNamed) {
+  const TempDir dir;
+  for (const char* name : {"a.png", "b.png"}) cv::imwrite(dir.File(name), cv::Mat(4, 4, CV_8UC3, cv::Scalar::all(0)));
+  EXPECT_THAT(FrameSource::Open(dir.path().string(), 2),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("has no frame 2, it ends after 2 frames")));
+  const auto last = FrameSource::Open(dir.path().string(), 1);
+  ASSERT_THAT(last, IsOk());
+  EXPECT_THAT((*last)->Skip(), IsOkAndHolds(true));
+  EXPECT_THAT((*last)->Skip(), IsOkAndHolds(false));
+}
+
 TEST(FrameSourceTest, InputsThatAreNoVideoAreNamed) {
   const TempDir dir;
   EXPECT_THAT(FrameSource::Open(dir.File("none.mp4")), StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.mp4")));

@@ -1,0 +1,381 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/track_run.h"
+
+#include <algorithm>
+#include <map>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
+#include "absl/synchronization/mutex.h"
+#include "api/clock.h"
+#include "client/cli/answer_times.h"
+#include "client/cli/backward_pass.h"
+#include "client/cli/frame_choice.h"
+#include "client/cli/frame_reader.h"
+#include "client/cli/frame_spool.h"
+#include "client/cli/progress.h"
+#include "client/cli/track_extent.h"
+#include "client/cli/track_output.h"
+#include "client/cli/track_table.h"
+
+namespace holdfast {
+namespace {
+
+// So many frames of a live input may be on their way to the server at once. What comes meanwhile is left out: in a
+// queue it would only become old.
+constexpr int64_t kLiveFramesInFlight = 8;
+
+FrameChoice Choice(const TrackOptions& options, const std::vector<StartPoint>& points) {
+  std::set<int64_t> queried;
+  for (const StartPoint& point : points) queried.insert(point.frame);
+  return {options.start_frame, options.every, std::move(queried)};
+}
+
+int64_t TotalFrames(const TrackOptions& options, const FrameChoice& choice, const FrameSource& source) {
+  const int64_t frames = choice.CountOf(source.frames());
+  if (options.max_frames == 0) return frames;
+  return frames == 0 ? options.max_frames : std::min(frames, options.max_frames);
+}
+
+// Those on the way back count a second time.
+int64_t ProgressTotal(const TrackOptions& options, const FrameChoice& choice, int64_t total,
+                      const std::vector<StartPoint>& points) {
+  if (!options.both || total == 0) return total;
+  int64_t last = 0;
+  for (const StartPoint& point : points) last = std::max(last, point.frame);
+  return total + std::min(total, choice.CountOf(last) + 1);
+}
+
+// The overlay plays as long as what it was made of.
+VideoFacts OverlayFacts(const TrackOptions& options, VideoFacts facts) {
+  facts.fps /= static_cast<double>(options.every);
+  return facts;
+}
+
+OverlayVideo::Options OverlayOptions(const TrackOptions& options) {
+  OverlayVideo::Options overlay = options.overlay;
+  overlay.keep_long = options.both;
+  return overlay;
+}
+
+// One run from the first frame to the written files. The main thread reads and sends frames and paints; the tracker's
+// thread delivers estimates.
+class TrackRun final : public TrackObserver {
+ public:
+  // 'view': null where nothing is shown; not owned.
+  TrackRun(const TrackOptions& options, const TrackEnvironment& environment, std::unique_ptr<FrameSource> source,
+           const std::vector<StartPoint>& points, PictureView* view)
+      : options_(options),
+        environment_(environment),
+        encoder_(source->size(), options.max_side, options.jpeg_quality),
+        facts_{source->size(), source->fps()},
+        choice_(Choice(options, points)),
+        total_frames_(TotalFrames(options, choice_, *source)),
+        drop_(options.live && source->live()),
+        reader_(std::move(source), {choice_, drop_}),
+        overlay_(OverlayOptions(options), OverlayFacts(options, facts_),
+                 [view](const cv::Mat& picture) { view->Show(picture); }),
+        answers_([] { return SystemClock().SteadyNow(); }),
+        table_(points, options.both ? TrackTable::Direction::kBoth : TrackTable::Direction::kForward),
+        output_(options.out, points, environment.out),
+        progress_({environment.terminal, ProgressTotal(options, choice_, total_frames_, points),
+                   [] { return SystemClock().SteadyNow(); }},
+                  environment.log) {
+    for (const StartPoint& point : points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
+  }
+
+  absl::Status Run(PointTracker& tracker) {
+    auto stream = tracker.Open(Config(), *this);
+    if (!stream.ok()) return stream.status();
+    absl::Status status = Track(**stream);
+    stream->reset();  // no answer comes any more
+    if (status.ok() && options_.both) status = TrackBackward(tracker);
+    if (status.ok()) status = CheckAnswers();
+    const absl::Status written = WriteFiles(status.ok());
+    environment_.stop.SetCallback(nullptr);
+    if (status.ok()) return written;
+    if (!written.ok()) environment_.log << "warning: " << written.message() << "\n";
+    return status;
+  }
+
+  void OnTracks(TrackUpdate update) override {
+    for (PointRun& run : update.runs) encoder_.FromSent(run);
+    absl::MutexLock lock(&mutex_);
+    // The frame that is just being sent is not counted yet.
+    if (broken_.ok() && update.frames_received > sent_ + 1) {
+      broken_ = absl::InternalError(
+          absl::StrCat("the tracker speaks of ", update.frames_received, " frames after ", sent_, " were sent"));
+    }
+    if (broken_.ok()) broken_ = table_.Apply(update);
+    if (broken_.ok()) broken_ = output_.Write(update, table_);
+    processed_ = std::max(processed_, update.frames_processed);
+    const int64_t answered = answers_.Answered(update);
+    const int64_t done = options_.live ? answered : processed_;
+    progress_.Update(done, sent_ - done);
+  }
+
+  void OnWarning(const absl::Status& warning) override {
+    absl::MutexLock lock(&mutex_);
+    environment_.log << "warning: " << warning.message() << "\n";
+  }
+
+  void OnReconnecting(const absl::Status& lost) override {
+    absl::MutexLock lock(&mutex_);
+    progress_.Interrupt();
+    environment_.log << absl::StripPrefix(lost.message(), "holdfast: ") << "; reconnecting\n" << std::flush;
+  }
+
+  void OnResumed(const SessionAccepted& accepted) override {
+    absl::MutexLock lock(&mutex_);
+    environment_.log << "resumed at frame " << table_.Number(accepted.first_frame) << " on " << accepted.server << "\n"
+                     << std::flush;
+  }
+
+  // Finish returns the status as well. Nobody waits for the input of a session that is over.
+  void OnDone(const absl::Status&, const SessionSummary&) override { StopReading(); }
+
+ private:
+  absl::Status Track(TrackStream& stream) {
+    environment_.stop.SetCallback([this, &stream] {
+      stream.Cancel();
+      StopReading();
+    });
+    absl::Status status = PushFrames(stream);
+    if (status.ok()) status = stream.Finish();
+    // The stream goes away, and files are written whether an interrupt comes or not; a second one ends the program.
+    environment_.stop.SetCallback([] {});
+    if (!status.ok() && environment_.stop.stopped()) return absl::CancelledError("interrupted");
+    return input_error_.ok() ? status : input_error_;
+  }
+
+  void StopReading() {
+    reader_.Stop();
+    absl::MutexLock lock(&mutex_);
+    over_ = true;
+  }
+
+  // What lies before the queries, after a session that ended well.
+  absl::Status TrackBackward(PointTracker& tracker) {
+    const std::vector<PastQuery> queries = PastQueries();
+    if (queries.empty()) return absl::OkStatus();
+    SessionConfig config = Config();
+    config.label = "holdfast track --both";
+    BackwardPass pass(config, queries, *spool_, *this, [this](const TrackUpdate& update) { return OnPast(update); });
+    return pass.Run(tracker, environment_.stop);
+  }
+
+  std::vector<PastQuery> PastQueries() ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    std::vector<PastQuery> queries;
+    for (const TableTrack& track : table_.tracks()) {
+      if (track.query_frame == 0 || track.query_frame >= sent_) continue;
+      queries.push_back({encoder_.ToSent(track.start.query), track.query_frame});
+    }
+    return queries;
+  }
+
+  absl::Status OnPast(TrackUpdate update) {
+    for (PointRun& run : update.runs) encoder_.FromSent(run);
+    absl::MutexLock lock(&mutex_);
+    absl::Status status = table_.ApplyBackward(update);
+    if (status.ok()) status = output_.Write(update, table_);
+    progress_.Update(sent_ + update.frames_processed, 0);
+    return status;
+  }
+
+  SessionConfig Config() {
+    SessionConfig config;
+    config.encoding = FrameEncoding::kJpeg;
+    config.processing_size = options_.processing_size;
+    config.hop_frames = options_.hop_frames;
+    config.iterations = options_.iterations;
+    config.send_provisional = true;  // kept where the session ends before they are final
+    config.emit = options_.live ? Emit::kEveryFrame : Emit::kWindows;
+    config.points = PointsOf(options_.start_frame);
+    config.frames_per_second = options_.promise_fps;
+    config.label = "holdfast track";
+    if (options_.promise_fps > 0) {
+      absl::MutexLock lock(&mutex_);
+      config.expected_points = static_cast<int>(table_.tracks().size());
+    }
+    return config;
+  }
+
+  std::vector<PointQuery> PointsOf(int64_t frame) const {
+    const auto found = starts_.find(frame);
+    return found == starts_.end() ? std::vector<PointQuery>() : found->second;
+  }
+
+  // An error is one of the session. One of the input ends the input: the tracker still finishes what it has.
+  absl::Status PushFrames(TrackStream& stream) {
+    for (int64_t i = 0; options_.max_frames == 0 || i < options_.max_frames; ++i) {
+      if (drop_) AwaitAnswers();
+      absl::StatusOr<Frame> frame = NextFrame(i);
+      if (absl::IsCancelled(frame.status())) break;  // the session is over, Finish knows why
+      if (!frame.ok()) input_error_ = frame.status();
+      if (!frame.ok() || frame->bytes.empty()) break;
+      answers_.Sent();
+      absl::Status status = stream.PushFrame(*std::move(frame));
+      if (status.ok()) status = AfterFrame();
+      if (!status.ok()) return status;
+    }
+    return absl::OkStatus();
+  }
+
+  void AwaitAnswers() ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    mutex_.Await(absl::Condition(this, &TrackRun::MaySend));
+  }
+
+  // Frames before the first point's have no answers to wait for.
+  bool MaySend() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const bool answers_come = sent_ > 0 && table_.Number(sent_ - 1) >= starts_.begin()->first;
+    return over_ || !answers_come || sent_ - answers_.answered() < kLiveFramesInFlight;
+  }
+
+  // Without bytes at the end of the input.
+  absl::StatusOr<Frame> NextFrame(int64_t index) {
+    Frame frame;
+    absl::StatusOr<InputFrame> input = reader_.Next();
+    if (!input.ok()) return input.status();
+    if (input->picture.empty()) return frame;
+    absl::StatusOr<std::string> bytes = encoder_.Encode(input->picture);
+    if (!bytes.ok()) return bytes.status();
+    absl::Status kept = overlay_.Add(input->picture);
+    if (options_.both && kept.ok()) kept = KeepForTheWayBack(input->number, *bytes);
+    if (!kept.ok()) return kept;
+    frame.index = index;
+    frame.bytes = *std::move(bytes);
+    frame.capture_time = input->capture_time;
+    if (index > 0) frame.points = PointsOf(input->number);  // those of the first frame are in the config
+    absl::MutexLock lock(&mutex_);
+    table_.AddFrame(input->number, input->capture_time);
+    return frame;
+  }
+
+  absl::Status KeepForTheWayBack(int64_t number, const std::string& bytes) {
+    if (number > starts_.rbegin()->first) return absl::OkStatus();
+    if (!spool_) {
+      absl::StatusOr<FrameSpool> spool = FrameSpool::Create();
+      if (!spool.ok()) return spool.status();
+      spool_.emplace(*std::move(spool));
+    }
+    return spool_->Append(bytes);
+  }
+
+  absl::Status AfterFrame() {
+    absl::MutexLock lock(&mutex_);
+    ++sent_;
+    const int64_t done = options_.live ? answers_.answered() : processed_;
+    progress_.Update(done, sent_ - done);
+    if (!broken_.ok() || options_.both) return broken_;  // what lies before a query comes last
+    return overlay_.Paint(table_, options_.live ? table_.answered_frames() : table_.final_frames());
+  }
+
+  // REQUIRES: the session ended well.
+  absl::Status CheckAnswers() {
+    absl::MutexLock lock(&mutex_);
+    if (!broken_.ok() || table_.final_frames() == table_.frames()) return broken_;
+    return absl::InternalError("the tracker ended the session before every estimate was final");
+  }
+
+  TrackExtent Extent(bool complete) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    TrackExtent extent;
+    extent.complete = complete;
+    extent.frames = complete ? std::max(sent_, table_.frames()) : table_.estimated_frames();
+    extent.final_frames = complete ? extent.frames : std::min(table_.final_frames(), extent.frames);
+    extent.expected_frames = complete ? extent.frames : std::max(total_frames_, sent_);
+    return extent;
+  }
+
+  // The tracks come first: they are what a second interrupt must not take.
+  absl::Status WriteFiles(bool complete) {
+    absl::MutexLock lock(&mutex_);
+    progress_.Close();
+    const TrackExtent extent = Extent(complete);
+    if (!complete && extent.frames == 0) {
+      environment_.log << "no estimate came, no file is written\n";
+      return absl::OkStatus();
+    }
+    std::vector<std::string> files;
+    absl::Status status = output_.End(table_, facts_, extent);
+    if (status.ok()) files.push_back(output_.file());
+    absl::Status painted = overlay_.Paint(table_, extent.frames);
+    if (painted.ok()) painted = overlay_.Close();
+    if (painted.ok()) files.insert(files.end(), {options_.overlay.video, options_.overlay.still});
+    files.erase(std::remove(files.begin(), files.end(), ""), files.end());
+    Report(extent, files);
+    status.Update(painted);
+    return status;
+  }
+
+  void Report(const TrackExtent& extent, const std::vector<std::string>& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!extent.complete) {
+      if (!files.empty()) {
+        environment_.log << "kept in " << absl::StrJoin(files, ", ") << ": "
+                         << Describe(extent, [this](int64_t frame) { return NumberOf(frame); }) << "\n";
+      }
+      return;
+    }
+    WarnOfLatePoints();
+    environment_.log << absl::StrFormat("%d points, final on all %d frames\n", table_.tracks().size(), extent.frames);
+    if (options_.live) environment_.log << answers_.Summary();
+    if (drop_) environment_.log << reader_.dropped() << " frames came faster than answers and were left out\n";
+    for (const std::string& path : files) environment_.log << "wrote " << path << "\n";
+  }
+
+  // In the input, of a frame that is tracked or would have been.
+  int64_t NumberOf(int64_t frame) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    int64_t known = std::min(frame, table_.input_frames() - 1);
+    int64_t number = known < 0 ? -1 : table_.Number(known);
+    for (; known < frame; ++known) number = choice_.After(number);
+    return number;
+  }
+
+  void WarnOfLatePoints() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    size_t late = 0;
+    const int64_t end = sent_ == 0 ? 0 : table_.Number(sent_ - 1) + 1;
+    for (auto it = starts_.lower_bound(end); it != starts_.end(); ++it) late += it->second.size();
+    if (late == 0) return;
+    environment_.log << "warning: " << late << " points start after the last frame and were not tracked\n";
+  }
+
+  const TrackOptions& options_;
+  const TrackEnvironment& environment_;
+  const FrameEncoder encoder_;
+  const VideoFacts facts_;
+  const FrameChoice choice_;
+  const int64_t total_frames_;  // as the input announces; 0: not known
+  const bool drop_;             // frames of the input are left out when they come too fast
+  FrameReader reader_;
+  std::map<int64_t, std::vector<PointQuery>> starts_;  // by the input's frame, pixels of the sent frames
+  std::optional<FrameSpool> spool_;                    // as sent, up to the last frame of 'starts_'; of the main thread
+  OverlayVideo overlay_;                               // of the main thread
+  AnswerTimes answers_;
+  absl::Status input_error_;  // of the main thread
+
+  absl::Mutex mutex_;
+  TrackTable table_ ABSL_GUARDED_BY(mutex_);
+  TrackOutput output_ ABSL_GUARDED_BY(mutex_);
+  Progress progress_ ABSL_GUARDED_BY(mutex_);
+  int64_t sent_ ABSL_GUARDED_BY(mutex_) = 0;       // frames
+  int64_t processed_ ABSL_GUARDED_BY(mutex_) = 0;  // frames
+  bool over_ ABSL_GUARDED_BY(mutex_) = false;      // no more frames are wanted
+  absl::Status broken_ ABSL_GUARDED_BY(mutex_);    // the tracker's answers contradict the session
+};
+
+}  // namespace
+
+absl::Status TrackInput(const TrackOptions& options, const TrackEnvironment& environment, TrackInputs inputs,
+                        PointTracker& tracker) {
+  return TrackRun(options, environment, std::move(inputs.source), inputs.points, inputs.view).Run(tracker);
+}
+
+}  // namespace holdfast
