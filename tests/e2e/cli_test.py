@@ -137,6 +137,70 @@ class CliTest(unittest.TestCase):
         self.assertEqual(lines[-1], {"complete": True, "frames": SENT, "final_frames": SENT, "expected_frames": SENT})
         final = [line["frame"] for line in lines[:-1] if line["final"]]
         self.assertEqual(final, list(range(SENT)))
+        # A pipe may be a camera's: each line says when its frame was read.
+        times = [line["capture_time"] for line in lines[:-1] if line["final"]]
+        self.assertEqual(times, sorted(times))
+
+    def pictures(self, name, frames):
+        """A directory with these frames of a moving picture, in this order."""
+        self.path(name).mkdir()
+        for i, frame in enumerate(frames):
+            self.path(name).joinpath(f"{i:03}.jpg").write_bytes(frame)
+        return self.path(name)
+
+    def track(self, input_path, points, *flags):
+        """What the .json says of each point: {frame: [x, y]}, in the order of the points."""
+        self.path("points.csv").write_text("id,x,y,frame\n" + points, encoding="utf-8")
+        done = self.holdfast("track", str(input_path), f"--server={self.server.address}",
+                             f"--points={self.path('points.csv')}", f"--out={self.path('t.json')}", *flags)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        tracks = json.loads(self.path("t.json").read_text())
+        self.assertTrue(tracks["complete"])
+        return [dict(zip(point["frames"], point["xy"])) for point in tracks["points"]]
+
+    def assert_same_tracks(self, got, wanted):
+        self.assertEqual(sorted(got), sorted(wanted))
+        for frame, position in wanted.items():
+            for a, b in zip(got[frame], position):
+                self.assertAlmostEqual(a, b, delta=0.0021, msg=f"frame {frame}")
+
+    def test_both_follows_a_point_as_if_the_video_ran_backwards_from_its_query(self):
+        frames = list(jpegs(moving_picture(40)))
+        there = self.pictures("there", frames)
+        back = self.pictures("back", frames[30::-1])
+        points = "1,60,50,12\n2,40,30,30\n"
+        early, late = self.track(there, points, "--both")
+        after_early, after_late = self.track(there, points)
+        before_late, before_early = self.track(back, "2,40,30,0\n1,60,50,18\n")
+        for got, after, before, query in ((early, after_early, before_early, 12), (late, after_late, before_late, 30)):
+            past = {30 - frame: position for frame, position in before.items() if 30 - frame < query}
+            self.assert_same_tracks(got, {**after, **past})
+            self.assertEqual(sorted(got), list(range(40)))
+        self.assertGreater(late[30][0] - late[0][0], 25, "the texture moves a pixel a frame to the right")
+
+    def test_chosen_frames_are_tracked_as_a_video_of_these_alone(self):
+        frames = list(jpegs(moving_picture(40)))
+        whole = self.pictures("whole", frames)
+        numbers = sorted({*range(3, 40, 4), 9})
+        few = self.pictures("few", [frames[number] for number in numbers])
+        regular, on_its_own_frame = self.track(whole, "1,60,50,3\n2,40,30,9\n", "--start_frame=3", "--every=4")
+        first, second = self.track(few, f"1,60,50,0\n2,40,30,{numbers.index(9)}\n")
+        self.assert_same_tracks(regular, {numbers[i]: position for i, position in first.items()})
+        self.assert_same_tracks(on_its_own_frame, {numbers[i]: position for i, position in second.items()})
+        self.assertEqual(sorted(on_its_own_frame), [9, *range(11, 40, 4)])
+
+    def test_live_frames_that_come_too_fast_are_left_out_and_counted(self):
+        self.path("points.csv").write_text("id,x,y\n1,40.5,50.25\n", encoding="utf-8")
+        every = b"".join(jpegs(moving_picture(WHOLE))) * 6
+        done = subprocess.run(**{**self.command(
+            "track", "-", "--live", f"--server={self.server.address}", f"--points={self.path('points.csv')}",
+            f"--out={self.path('t.json')}"), "text": False}, input=every, timeout=120)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        left_out = int(re.search(rb"\n(\d+) frames came faster than answers and were left out\n", done.stderr)[1])
+        tracks = json.loads(self.path("t.json").read_text())
+        self.assertGreater(left_out, 0)
+        self.assertEqual(tracks["frames"] + left_out, 6 * WHOLE)
+        self.assertEqual(tracks["points"][0]["frames"][-1], 6 * WHOLE - 1, "the newest frame is never left out")
 
     def test_every_output_of_a_real_video(self):
         common = ["track", str(VIDEO), f"--server={self.server.address}"]
@@ -174,8 +238,9 @@ class CliTest(unittest.TestCase):
             self.assertIn(f"'shape': (6, {FEW_FRAMES}, 2)", npy(archive.read("tracks.npy"))[0])
             self.assertEqual(npy(archive.read("complete.npy"))[1], b"\1")
             self.assertEqual(sorted(archive.namelist()),
-                             ["complete.npy", "confidence.npy", "expected_frames.npy", "final_frames.npy", "ids.npy",
-                              "tracks.npy", "visible.npy"])
+                             ["complete.npy", "confidence.npy", "expected_frames.npy", "final_frames.npy", "fps.npy",
+                              "frames.npy", "ids.npy", "names.npy", "query_frames.npy", "size.npy", "tracks.npy",
+                              "visible.npy"])
 
     def test_info_says_what_the_server_runs(self):
         done = self.holdfast("info", f"--server={self.server.address}")
