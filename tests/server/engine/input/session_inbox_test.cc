@@ -69,6 +69,8 @@ TEST(SessionInboxTest, WantsIndicesWithoutGapOrRepetition) {
   EXPECT_THAT(ViolatedFields(Push(inbox, RawFrame(1)).status()), ElementsAre("frame.index"));
   ASSERT_THAT(Push(inbox, RawFrame(0)), IsOk());
   EXPECT_THAT(Push(inbox, RawFrame(0)), StatusIs(kInvalid, HasSubstr("frame 0 came instead of frame 1")));
+  EXPECT_THAT(Push(inbox, RawFrame(2)), StatusIs(kInvalid, HasSubstr("frame 2 came instead of frame 1")));
+  EXPECT_THAT(Push(inbox, RawFrame(int64_t{1} << 62)), StatusIs(kInvalid, HasSubstr("instead of frame 1")));
 }
 
 TEST(SessionInboxTest, NamesTheFrameThatIsTooLargeOrOfAnotherSize) {
