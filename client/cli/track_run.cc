@@ -319,8 +319,11 @@ class TrackRun final : public TrackObserver {
   void Report(const TrackExtent& extent, const std::vector<std::string>& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (!extent.complete) {
       if (!files.empty()) {
-        environment_.log << "kept in " << absl::StrJoin(files, ", ") << ": "
-                         << Describe(extent, [this](int64_t frame) { return NumberOf(frame); }) << "\n";
+        const auto number = [this](int64_t frame) {
+          mutex_.AssertHeld();
+          return NumberOf(frame);
+        };
+        environment_.log << "kept in " << absl::StrJoin(files, ", ") << ": " << Describe(extent, number) << "\n";
       }
       return;
     }

@@ -103,7 +103,7 @@ class CliTest(unittest.TestCase):
         self.path("points.json").write_text(json.dumps(points), encoding="utf-8")
         common = ["track", str(VIDEO), f"--server={self.server.address}", f"--points={self.path('points.json')}",
                   f"--max_frames={FEW_FRAMES}"]
-        for name in ("t.json", "t.dlc.csv", "t.xml"):
+        for name in ("t.json", "t.dlc.csv", "t.xml", "t.3de.txt"):
             done = self.holdfast(*common, f"--out={self.path(name)}")
             self.assertEqual(done.returncode, 0, done.stderr)
         expected = {(point["id"], frame): xy for point in json.loads(self.path("t.json").read_text())["points"]
@@ -120,6 +120,21 @@ class CliTest(unittest.TestCase):
         shown = {(int(track.get("id")), int(points.get("frame"))): list(map(float, points.get("points").split(",")))
                  for track in tracks for points in track if points.get("outside") == "0"}
         self.assertEqual(shown, expected)
+
+        lines = iter(self.path("t.3de.txt").read_text(encoding="utf-8").splitlines())
+        curves = {}
+        for _ in range(int(next(lines))):
+            name, _, keys = next(lines), next(lines), int(next(lines))
+            curves[name] = {int(frame) - 1: [float(x) - 0.5, 576 - float(y) - 0.5]
+                            for frame, x, y in (next(lines).split() for _ in range(keys))}
+        self.assertEqual(list(curves), ["head", "12"])
+        measured = {(point["id"], frame): xy for point in json.loads(self.path("t.json").read_text())["points"]
+                    for frame, xy, visible in zip(point["frames"], point["xy"], point["visible"]) if visible}
+        self.assertEqual({(point, frame) for point, name in ((11, "head"), (12, "12")) for frame in curves[name]},
+                         set(measured))
+        for (point, frame), position in measured.items():
+            for got, wanted in zip(curves["head" if point == 11 else "12"][frame], position):
+                self.assertAlmostEqual(got, wanted, delta=0.0006)
 
     def test_a_stream_goes_in_and_lines_come_out_while_it_runs(self):
         # JPEGs one after the other, as cameras send them; the input stays open until there are estimates.
