@@ -13,6 +13,14 @@ constexpr int kProcessingSizeStep = 32;
 // Most points of a message, whatever a server's own limit is: longer lists are refused before they are looked at.
 constexpr int kMaxPointsInMessage = 1 << 16;
 
+constexpr uint32_t kMaxObjectId = 0x7FFFFFFF;
+constexpr int kMaxObjects = 64;                 // of a session
+constexpr int kMaxObjectPoints = 256;           // placed on an object
+constexpr int kMaxPolygonCorners = 1024;        // of an object's polygon
+constexpr int kMaxOutlineCorners = 32;          // of an object's outline
+constexpr int64_t kMaxObjectBytes = 512 << 10;  // of all masks and polygons of a message
+constexpr int64_t kMaxMaskPixels = 1 << 25;     // of all masks of a message
+
 constexpr size_t kMaxLabelBytes = 128;  // of a session's label
 
 // An error names this many violations and counts the rest: a request of a million mistakes is answered briefly.

@@ -35,6 +35,30 @@ struct PointQuery {
   float y = 0;  // in [0, height - 1]
 };
 
+struct Pixel {
+  float x = 0;
+  float y = 0;
+};
+
+// Chosen by the caller, unique among the objects of a session; at most kMaxObjectId.
+using ObjectId = uint32_t;
+
+// "Follow what this covers in this frame": a mask or a polygon. The tracker chooses points on it and follows them as a
+// group. Their ids are ObjectPointId(id, 0), ObjectPointId(id, 1)...; a session that has objects gives no others of
+// those.
+struct ObjectQuery {
+  ObjectId id = 0;
+  std::string mask_png;        // of the frame's size; what is not zero in any channel is the object; or
+  std::vector<Pixel> polygon;  // its corners in order, inside the frame
+  int points = 0;              // to be placed, at most kMaxObjectPoints; 0: 64. Small objects get fewer
+};
+
+constexpr PointId ObjectPointId(ObjectId object, uint32_t index) {
+  return PointId{1} << 63 | PointId{object} << 32 | index;
+}
+constexpr bool IsObjectPoint(PointId id) { return id >> 63 != 0; }
+constexpr ObjectId ObjectOf(PointId object_point) { return static_cast<ObjectId>(object_point >> 32 & 0x7FFFFFFF); }
+
 enum class Emit {
   kWindows,     // estimates come when a window has run
   kEveryFrame,  // and besides, each frame is answered at once with what optical flow says, which windows revise
@@ -51,6 +75,7 @@ struct SessionConfig {
   std::optional<bool> motion_prior;  // windows start from where optical flow leads; empty: the engine's default
   std::optional<bool> polish;        // final positions are moved to where the picture says; empty: the engine's default
   std::vector<PointQuery> points;    // queried at the first frame
+  std::vector<ObjectQuery> objects;  // queried at the first frame
   std::string label;                 // for logs only; at most kMaxLabelBytes
   // A checkpoint comes about every so many frames; 0: only before a planned end.
   int checkpoint_interval_frames = 0;
@@ -70,7 +95,8 @@ struct Frame {
   int64_t index = 0;  // 0 for a session's first frame, then +1 each
   std::string bytes;
   std::optional<absl::Time> capture_time;
-  std::vector<PointQuery> points;  // queried at this very frame
+  std::vector<PointQuery> points;    // queried at this very frame
+  std::vector<ObjectQuery> objects;  // queried at this very frame
 };
 
 // Estimates of one point on consecutive frames first_frame .. first_frame + x.size() - 1.
@@ -89,18 +115,39 @@ struct FrameTime {
   absl::Time capture_time;
 };
 
+// What an object's points say about it on one frame. A place q of the frame it was queried at has moved to
+// centre + scale R(rotation) (q - centre of that frame). Where too few points are seen to tell, it stands still.
+struct ObjectSample {
+  Pixel centre;                // pixels of the caller's frame, of what the mask or polygon covered
+  float scale = 1;             // since the query
+  float rotation = 0;          // radians since the query, from x towards y
+  float visible = 0;           // share of the points that it still has which are visible
+  std::vector<Pixel> outline;  // convex, at most kMaxOutlineCorners corners
+  std::vector<PointId> left;   // its points that do not move with it any more, ascending
+};
+
+// An object on consecutive frames first_frame .. first_frame + samples.size() - 1.
+struct ObjectRun {
+  ObjectId id = 0;
+  int64_t first_frame = 0;
+  std::vector<ObjectSample> samples;
+  int64_t final_count = 0;  // the first final_count samples will never be revised
+};
+
 struct TrackUpdate {
   std::vector<PointRun> runs;
   int64_t frames_received = 0;           // watermark: frames accepted so far
   int64_t frames_processed = 0;          // watermark: frames whose features are computed
   std::vector<FrameTime> capture_times;  // of the frames of 'runs' that came with one, ascending
+  std::vector<ObjectRun> objects;
 };
 
 struct SessionLimits {
   int max_points = 0;
   int64_t max_frame_bytes = 0;
   int64_t max_frame_pixels = 0;
-  int64_t max_frames = 0;  // 0: endless
+  int64_t max_frames = 0;         // 0: endless
+  int max_objects = kMaxObjects;  // 0: of a server that knows none
 };
 
 // What the tracker agreed to; sent once before any update.

@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/objects/object_group.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "server/engine/objects/similarity.h"
+
+namespace holdfast {
+namespace {
+
+constexpr int64_t kNoNews = std::numeric_limits<int64_t>::max();
+
+// Of the object's size, as it is on the frame: how far points may lie from where the motion leads for agreeing on it,
+// and how far beyond that one no longer belongs. Objects bend: where the others lie off as well, one may lie further.
+constexpr double kAgree = 0.06;
+constexpr double kAstray = 0.15;
+constexpr double kTimesTypical = 4;  // the median distance of the others
+constexpr double kLeastPixels = 2;
+constexpr int kFramesToLeave = 3;   // in a row that a point lies too far off before it has left
+constexpr int kFramesToReturn = 6;  // in a row that it does not before it is back
+
+// The median distance of the votes from where 'motion' leads.
+double Typical(const std::vector<Displacement>& votes, const Similarity& motion) {
+  std::vector<double> distances;
+  for (const Displacement& vote : votes) distances.push_back(Distance(motion.Map(vote.from), vote.to));
+  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  return *middle;
+}
+
+void Weigh(ObjectJudgement::Standing& standing, bool astray) {
+  standing.contrary = astray == standing.left ? 0 : standing.contrary + 1;
+  if (standing.contrary < (standing.left ? kFramesToReturn : kFramesToLeave)) return;
+  standing.left = !standing.left;
+  standing.contrary = 0;
+}
+
+// A point's part in a frame.
+struct Part {
+  const ObjectMember& member;
+  ObjectMember::Sample sample;
+  ObjectJudgement::Standing& standing;
+};
+
+// Moves on to where the points lead that have not left, and weighs where each of them stands. Too few see the frame, or
+// agree: everything stays.
+void Follow(const std::vector<Part>& parts, double size, Similarity& motion) {
+  std::vector<Displacement> votes;
+  for (const Part& part : parts) {
+    if (part.sample.visible && !part.standing.left) votes.push_back({part.member.home, part.sample.at});
+  }
+  const double tolerance = std::max(kLeastPixels, kAgree * size * motion.scale());
+  const std::optional<Similarity> found = FitSimilarity(votes, tolerance, motion);
+  if (!found) return;
+  motion = *found;
+  const double allowed =
+      std::max({kLeastPixels, kAstray * size * motion.scale(), kTimesTypical * Typical(votes, motion)});
+  for (const Part& part : parts) {
+    if (!part.sample.visible) continue;
+    Weigh(part.standing, Distance(motion.Map(part.member.home), part.sample.at) > allowed);
+  }
+}
+
+ObjectSample Report(const std::vector<Part>& parts, const ObjectShape& shape, const Similarity& motion) {
+  ObjectSample report;
+  report.centre = motion.Map(shape.centre);
+  report.scale = static_cast<float>(motion.scale());
+  report.rotation = static_cast<float>(motion.rotation());
+  for (const Pixel& corner : shape.outline) report.outline.push_back(motion.Map(corner));
+  int has = 0, sees = 0;
+  for (const Part& part : parts) {
+    if (part.standing.left) {
+      report.left.push_back(part.member.id);
+    } else {
+      ++has;
+      sees += part.sample.visible ? 1 : 0;
+    }
+  }
+  report.visible = has == 0 ? 0 : static_cast<float>(sees) / static_cast<float>(has);
+  return report;
+}
+
+bool TakesPart(const ObjectMember& member, int64_t frame) { return frame < member.end; }
+
+std::optional<ObjectRun> IfAny(ObjectRun run) {
+  if (run.samples.empty()) return std::nullopt;
+  return run;
+}
+
+}  // namespace
+
+ObjectGroup::ObjectGroup(ObjectId id, int64_t query_frame, const ObjectShape& shape,
+                         absl::Span<const PointQuery> points)
+    : news_from_(query_frame) {
+  state_.id = id;
+  state_.query_frame = state_.next = query_frame;
+  state_.shape = shape;
+  for (const PointQuery& point : points) {
+    ObjectMember& member = state_.members.emplace_back();
+    member.id = point.id;
+    member.home = {point.x, point.y};
+  }
+  state_.judgement.standings.resize(points.size());
+}
+
+ObjectState ObjectGroup::state() const {
+  ObjectState state = state_;
+  for (ObjectMember& member : state.members) {
+    const int64_t finals = std::max<int64_t>(member.final_before - state.next, 0);
+    if (finals < static_cast<int64_t>(member.samples.size())) member.samples.resize(static_cast<size_t>(finals));
+  }
+  return state;
+}
+
+void ObjectGroup::Add(const PointRun& run) {
+  for (ObjectMember& member : state_.members) {
+    if (member.id == run.id) news_from_ = std::min(news_from_, Take(run, member));
+  }
+}
+
+int64_t ObjectGroup::Take(const PointRun& run, ObjectMember& member) const {
+  const int64_t first = std::max({run.first_frame, state_.next, member.final_before});
+  const int64_t end = std::min(run.first_frame + static_cast<int64_t>(run.x.size()), member.end);
+  if (first >= end || first > state_.next + static_cast<int64_t>(member.samples.size())) return kNoNews;
+  for (int64_t frame = first; frame < end; ++frame) {
+    const size_t from = static_cast<size_t>(frame - run.first_frame), to = static_cast<size_t>(frame - state_.next);
+    if (to >= member.samples.size()) member.samples.resize(to + 1);
+    member.samples[to] = {{run.x[from], run.y[from]}, run.visible[from] != 0};
+  }
+  if (run.final_count > 0) {
+    member.final_before = std::max(member.final_before, std::min(run.first_frame + run.final_count, end));
+  }
+  return first;
+}
+
+void ObjectGroup::Close(PointId id) {
+  for (ObjectMember& member : state_.members) {
+    if (member.id == id) member.closed = true;
+  }
+}
+
+void ObjectGroup::EndClosed() {
+  for (ObjectMember& member : state_.members) {
+    if (member.closed) member.end = std::min(member.end, std::max(member.final_before, state_.next));
+  }
+}
+
+void ObjectGroup::Remove(PointId id, int64_t frame) {
+  if (frame < query_frame()) return;  // that was of another object's point of this id
+  for (ObjectMember& member : state_.members) {
+    if (member.id != id || member.end <= frame) continue;
+    member.end = frame + 1;
+    news_from_ = std::min(news_from_, std::max(member.end, state_.next));
+  }
+}
+
+bool ObjectGroup::ended() const {
+  return std::all_of(state_.members.begin(), state_.members.end(),
+                     [this](const ObjectMember& member) { return member.end <= state_.next; });
+}
+
+bool ObjectGroup::IsKnown(int64_t frame, bool final) const {
+  bool any = false;
+  for (const ObjectMember& member : state_.members) {
+    if (!TakesPart(member, frame)) continue;
+    if (final && member.final_before <= frame) return false;
+    if (state_.next + static_cast<int64_t>(member.samples.size()) <= frame) return false;
+    any = true;
+  }
+  return any;
+}
+
+std::optional<ObjectRun> ObjectGroup::TakeRun(bool provisional) {
+  EndClosed();
+  ObjectRun run;
+  run.id = id();
+  run.first_frame = state_.next;
+  while (IsKnown(state_.next, /*final=*/true)) {
+    run.samples.push_back(Judge(state_.next, state_.judgement));
+    FinishFrame();
+  }
+  run.final_count = static_cast<int64_t>(run.samples.size());
+  if (run.final_count > 0) news_from_ = state_.next;
+  if (!provisional || news_from_ == kNoNews) return IfAny(std::move(run));
+  const int64_t begin = std::min(news_from_, state_.next + static_cast<int64_t>(ahead_.size()));
+  if (run.samples.empty()) run.first_frame = begin;
+  ahead_.resize(static_cast<size_t>(begin - state_.next));
+  for (int64_t frame = begin; IsKnown(frame, /*final=*/false); ++frame) {
+    ahead_.push_back(ahead_.empty() ? state_.judgement : ahead_.back());
+    run.samples.push_back(Judge(frame, ahead_.back()));
+  }
+  news_from_ = kNoNews;
+  return IfAny(std::move(run));
+}
+
+void ObjectGroup::FinishFrame() {
+  for (ObjectMember& member : state_.members) {
+    if (!member.samples.empty()) member.samples.pop_front();
+  }
+  if (!ahead_.empty()) ahead_.pop_front();
+  ++state_.next;
+}
+
+ObjectSample ObjectGroup::Judge(int64_t frame, ObjectJudgement& judgement) const {
+  std::vector<Part> parts;
+  for (size_t i = 0; i < state_.members.size(); ++i) {
+    const ObjectMember& member = state_.members[i];
+    if (!TakesPart(member, frame)) continue;
+    parts.push_back({member, member.samples[static_cast<size_t>(frame - state_.next)], judgement.standings[i]});
+  }
+  Follow(parts, state_.shape.size, judgement.motion);
+  return Report(parts, state_.shape, judgement.motion);
+}
+
+}  // namespace holdfast

@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/engine/objects/object_group.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <vector>
+
+namespace holdfast {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+constexpr ObjectId kId = 5;
+constexpr int64_t kQuery = 10;
+
+// A square of 40 pixels around (50, 50), and 9 points on it, 10 pixels apart.
+ObjectShape Square() {
+  ObjectShape shape;
+  shape.centre = {50, 50};
+  shape.size = 40;
+  shape.outline = {{30, 30}, {70, 30}, {70, 70}, {30, 70}};
+  return shape;
+}
+
+std::vector<PointQuery> Nine() {
+  std::vector<PointQuery> points;
+  for (uint32_t i = 0; i < 9; ++i) {
+    points.push_back(
+        {ObjectPointId(kId, i), 40.0f + 10.0f * static_cast<float>(i % 3), 40.0f + 10.0f * static_cast<float>(i / 3)});
+  }
+  return points;
+}
+
+struct Seen {
+  Pixel at;
+  bool visible = true;
+};
+// Where point i is, 't' frames after the query.
+using World = std::function<Seen(uint32_t i, Pixel home, int64_t t)>;
+
+PointRun RunOf(uint32_t i, const World& world, int64_t begin, int64_t end, int64_t finals) {
+  const PointQuery home = Nine()[i];
+  PointRun run;
+  run.id = home.id;
+  run.first_frame = begin;
+  run.final_count = finals;
+  for (int64_t frame = begin; frame < end; ++frame) {
+    const Seen seen = world(i, {home.x, home.y}, frame - kQuery);
+    run.x.push_back(seen.at.x);
+    run.y.push_back(seen.at.y);
+    run.visible.push_back(seen.visible ? 1 : 0);
+    run.confidence.push_back(1);
+  }
+  return run;
+}
+
+// Frames begin .. end - 1 of all points, of which the first 'finals' are final.
+void AddAll(ObjectGroup& group, const World& world, int64_t begin, int64_t end, int64_t finals) {
+  for (uint32_t i = 0; i < 9; ++i) group.Add(RunOf(i, world, begin, end, finals));
+}
+
+ObjectRun Final(const World& world, int64_t frames) {
+  ObjectGroup group(kId, kQuery, Square(), Nine());
+  AddAll(group, world, kQuery, kQuery + frames, frames);
+  return group.TakeRun(/*provisional=*/false).value_or(ObjectRun());
+}
+
+Seen Shifting(uint32_t /*i*/, Pixel home, int64_t t) { return {{home.x + 2 * static_cast<float>(t), home.y}}; }
+
+// Point 4, in the middle, stays where it was on frame 'from'.
+World Losing(int64_t from) {
+  return [from](uint32_t i, Pixel home, int64_t t) { return Shifting(i, home, i == 4 ? std::min(t, from) : t); };
+}
+
+TEST(ObjectGroupTest, ReportsTheQueryAsItWas) {
+  const ObjectRun run = Final(Shifting, 1);
+  EXPECT_EQ(run.id, kId);
+  EXPECT_EQ(run.first_frame, kQuery);
+  EXPECT_EQ(run.final_count, 1);
+  ASSERT_THAT(run.samples, SizeIs(1));
+  const ObjectSample& sample = run.samples[0];
+  EXPECT_EQ(sample.centre.x, 50);
+  EXPECT_EQ(sample.scale, 1);
+  EXPECT_EQ(sample.rotation, 0);
+  EXPECT_EQ(sample.visible, 1);
+  EXPECT_EQ(sample.outline[2].y, 70);
+  EXPECT_THAT(sample.left, IsEmpty());
+}
+
+TEST(ObjectGroupTest, FollowsATurnAndAShift) {
+  // A tenth of a radian a frame about (50, 50), and 3 pixels down.
+  const ObjectRun run = Final(
+      [](uint32_t, Pixel home, int64_t t) -> Seen {
+        const double c = std::cos(0.1 * static_cast<double>(t)), s = std::sin(0.1 * static_cast<double>(t));
+        const double x = home.x - 50, y = home.y - 50;
+        return {{static_cast<float>(50 + c * x - s * y), static_cast<float>(50 + s * x + c * y + 3.0 * t)}};
+      },
+      11);
+  ASSERT_THAT(run.samples, SizeIs(11));
+  const ObjectSample& last = run.samples[10];
+  EXPECT_NEAR(last.rotation, 1, 1e-4);
+  EXPECT_NEAR(last.scale, 1, 1e-4);
+  EXPECT_NEAR(last.centre.x, 50, 1e-3);
+  EXPECT_NEAR(last.centre.y, 80, 1e-3);
+  EXPECT_NEAR(last.outline[0].x, 50 - 20 * std::cos(1) + 20 * std::sin(1), 1e-3);
+}
+
+TEST(ObjectGroupTest, APointThatStaysBehindHasLeft) {
+  const ObjectRun run = Final(Losing(5), 20);
+  ASSERT_THAT(run.samples, SizeIs(20));
+  // It may lie 0.15 * 40 = 6 pixels off: 3 frames of 2 pixels. It has left by the third frame beyond that.
+  EXPECT_THAT(run.samples[9].left, IsEmpty());
+  EXPECT_THAT(run.samples[11].left, ElementsAre(ObjectPointId(kId, 4)));
+  EXPECT_THAT(run.samples[19].left, ElementsAre(ObjectPointId(kId, 4)));
+  EXPECT_NEAR(run.samples[19].centre.x, 88, 1e-3);
+  EXPECT_EQ(run.samples[19].visible, 1);  // all of those that it still has
+}
+
+TEST(ObjectGroupTest, TwoFramesAstrayAreForgiven) {
+  const ObjectRun run = Final(
+      [](uint32_t i, Pixel home, int64_t t) {
+        Seen seen = Shifting(i, home, t);
+        if (i == 2 && (t == 7 || t == 8)) seen.at.y += 60;
+        return seen;
+      },
+      14);
+  for (const ObjectSample& sample : run.samples) EXPECT_THAT(sample.left, IsEmpty());
+}
+
+TEST(ObjectGroupTest, APointMayComeBack) {
+  const ObjectRun run = Final(
+      [](uint32_t i, Pixel home, int64_t t) {
+        Seen seen = Shifting(i, home, t);
+        if (i == 2 && t >= 5 && t < 10) seen.at.y += 60;
+        return seen;
+      },
+      20);
+  EXPECT_THAT(run.samples[9].left, SizeIs(1));
+  EXPECT_THAT(run.samples[14].left, SizeIs(1));
+  EXPECT_THAT(run.samples[15].left, IsEmpty());
+}
+
+TEST(ObjectGroupTest, AHiddenObjectStandsStillAndLosesNobody) {
+  const ObjectRun run = Final(
+      [](uint32_t i, Pixel home, int64_t t) {
+        Seen seen = Shifting(i, home, t);
+        if (t >= 5 && t < 10) {
+          seen.visible = false;
+          seen.at = {7, 7};
+        }
+        return seen;
+      },
+      12);
+  EXPECT_EQ(run.samples[7].visible, 0);
+  EXPECT_NEAR(run.samples[7].centre.x, run.samples[4].centre.x, 1e-4);
+  EXPECT_NEAR(run.samples[11].centre.x, 72, 1e-3);
+  EXPECT_THAT(run.samples[11].left, IsEmpty());
+}
+
+bool Same(const ObjectSample& a, const ObjectSample& b) {
+  const auto same = [](Pixel p, Pixel q) { return p.x == q.x && p.y == q.y; };
+  return same(a.centre, b.centre) && a.scale == b.scale && a.rotation == b.rotation && a.visible == b.visible &&
+         a.left == b.left && std::equal(a.outline.begin(), a.outline.end(), b.outline.begin(), b.outline.end(), same);
+}
+
+// Final samples of a group that hears of frames in pieces, provisional estimates among them, that are wrong.
+std::vector<ObjectSample> InPieces(const World& world, int64_t frames, int64_t piece, ObjectGroup group) {
+  std::vector<ObjectSample> finals;
+  const World wrong = [&world](uint32_t i, Pixel home, int64_t t) {
+    Seen seen = world(i, home, t);
+    seen.at.x += 9.0f * static_cast<float>(i % 4);
+    return seen;
+  };
+  for (int64_t begin = kQuery; begin < kQuery + frames; begin += piece) {
+    const int64_t end = std::min(begin + piece, kQuery + frames);
+    AddAll(group, wrong, begin, end + 6, 0);
+    (void)group.TakeRun(/*provisional=*/true);
+    for (const uint32_t i : {8, 1, 3, 2, 0, 7, 4, 5, 6}) {
+      group.Add(RunOf(i, world, begin, end, end - begin));
+      const auto run = group.TakeRun(/*provisional=*/true);
+      if (!run || run->final_count == 0) continue;
+      EXPECT_EQ(run->first_frame, kQuery + static_cast<int64_t>(finals.size()));
+      finals.insert(finals.end(), run->samples.begin(), run->samples.begin() + run->final_count);
+    }
+    group = ObjectGroup(group.state());  // as a session that goes on elsewhere
+  }
+  return finals;
+}
+
+TEST(ObjectGroupTest, FinalSamplesDoNotDependOnHowTheEstimatesCame) {
+  const World world = Losing(9);
+  const ObjectRun whole = Final(world, 30);
+  for (const int64_t piece : {1, 2, 7, 8, 30}) {
+    const auto finals = InPieces(world, 30, piece, ObjectGroup(kId, kQuery, Square(), Nine()));
+    ASSERT_EQ(finals.size(), whole.samples.size());
+    for (size_t i = 0; i < finals.size(); ++i) EXPECT_TRUE(Same(finals[i], whole.samples[i])) << piece << ": " << i;
+  }
+}
+
+TEST(ObjectGroupTest, ProvisionalSamplesComeWhenTheyAreNewOrRevised) {
+  ObjectGroup group(kId, kQuery, Square(), Nine());
+  AddAll(group, Shifting, kQuery, kQuery + 8, 1);
+  auto run = group.TakeRun(/*provisional=*/true);
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->final_count, 1);
+  EXPECT_THAT(run->samples, SizeIs(8));
+  EXPECT_FALSE(group.TakeRun(/*provisional=*/true));
+  AddAll(group, Shifting, kQuery + 8, kQuery + 9, 0);
+  run = group.TakeRun(/*provisional=*/true);
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->first_frame, kQuery + 8);
+  EXPECT_EQ(run->final_count, 0);
+  ASSERT_THAT(run->samples, SizeIs(1));
+  EXPECT_NEAR(run->samples[0].centre.x, 66, 1e-3);
+  group.Add(RunOf(3, Losing(0), kQuery + 4, kQuery + 9, 0));
+  run = group.TakeRun(/*provisional=*/true);
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->first_frame, kQuery + 4);
+  EXPECT_THAT(run->samples, SizeIs(5));
+}
+
+TEST(ObjectGroupTest, GoesOnWithoutPointsThatWereRemoved) {
+  ObjectGroup group(kId, kQuery, Square(), Nine());
+  AddAll(group, Shifting, kQuery, kQuery + 5, 5);
+  group.Remove(ObjectPointId(kId, 0), kQuery + 7);
+  (void)group.TakeRun(false);
+  for (uint32_t i = 1; i < 9; ++i) group.Add(RunOf(i, Shifting, kQuery + 5, kQuery + 12, 7));
+  EXPECT_FALSE(group.TakeRun(false));  // the point is still wanted on frames 5 to 7
+  group.Add(RunOf(0, Shifting, kQuery + 5, kQuery + 8, 3));
+  const auto run = group.TakeRun(false);
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->final_count, 7);
+  EXPECT_FALSE(group.ended());
+  for (uint32_t i = 1; i < 9; ++i) group.Remove(ObjectPointId(kId, i), kQuery + 11);
+  EXPECT_TRUE(group.ended());
+  EXPECT_FALSE(group.TakeRun(true));
+}
+
+TEST(ObjectGroupTest, IgnoresThePointsOfOthers) {
+  ObjectGroup group(kId, kQuery, Square(), Nine());
+  PointRun stranger = RunOf(0, Shifting, kQuery, kQuery + 5, 5);
+  stranger.id = 0;
+  group.Add(stranger);
+  EXPECT_FALSE(group.TakeRun(true));
+}
+
+}  // namespace
+}  // namespace holdfast
