@@ -129,6 +129,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   out.set_resume_token(config.resume_token);
   out.set_frames_per_second(static_cast<float>(config.frames_per_second));
   out.set_expected_points(config.expected_points);
+  internal::ObjectsToProto(config.objects, out.mutable_objects());
   return out;
 }
 
@@ -153,6 +154,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   out.resume_token = config.resume_token();
   out.frames_per_second = config.frames_per_second();
   out.expected_points = CountFromProto(config.expected_points(), "config.expected_points", violations);
+  out.objects = internal::ObjectsFromProto(config.objects(), "config.objects", violations);
   if (!violations.empty()) return violations.ToStatus();
   return out;
 }
@@ -163,6 +165,7 @@ v1::Frame ToProto(Frame frame) {
   *out.mutable_data() = std::move(frame.bytes);
   if (frame.capture_time) internal::TimeToProto(*frame.capture_time, out.mutable_capture_time());
   PointsToProto(frame.points, out.mutable_points());
+  internal::ObjectsToProto(frame.objects, out.mutable_objects());
   return out;
 }
 
@@ -172,6 +175,7 @@ absl::StatusOr<Frame> FromProto(v1::Frame&& frame) {
   out.index = frame.index();
   out.capture_time = TimeFromProto(frame, violations);
   out.points = PointsFromProto(frame.points(), "frame.points", violations);
+  out.objects = internal::ObjectsFromProto(frame.objects(), "frame.objects", violations);
   if (frame.data().empty()) violations.Add("frame.data", absl::StrCat("of frame ", frame.index(), " is empty"));
   if (!violations.empty()) return violations.ToStatus();
   out.bytes = std::move(*frame.mutable_data());

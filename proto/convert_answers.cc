@@ -21,11 +21,13 @@ void LimitsToProto(const SessionLimits& limits, v1::SessionLimits* out) {
   out->set_max_frame_bytes(limits.max_frame_bytes);
   out->set_max_frame_pixels(limits.max_frame_pixels);
   out->set_max_frames(limits.max_frames);
+  out->set_max_objects(static_cast<uint32_t>(limits.max_objects));
 }
 
 SessionLimits LimitsFromProto(const v1::SessionLimits& limits) {
   return {static_cast<int>(limits.max_points()), static_cast<int64_t>(limits.max_frame_bytes()),
-          static_cast<int64_t>(limits.max_frame_pixels()), static_cast<int64_t>(limits.max_frames())};
+          static_cast<int64_t>(limits.max_frame_pixels()), static_cast<int64_t>(limits.max_frames()),
+          static_cast<int>(limits.max_objects())};
 }
 
 void RunToProto(const PointRun& run, v1::PointRun* out) {
@@ -130,6 +132,7 @@ v1::Tracks ToProto(const TrackUpdate& update) {
     added->set_frame(time.frame);
     internal::TimeToProto(time.capture_time, added->mutable_capture_time());
   }
+  for (const ObjectRun& run : update.objects) internal::ObjectRunToProto(run, out.add_objects());
   return out;
 }
 
@@ -148,6 +151,11 @@ absl::StatusOr<TrackUpdate> FromProto(const v1::Tracks& tracks) {
     if (!captured)
       return absl::InternalError(absl::StrCat("the server sent a wrong capture time of frame ", time.frame()));
     out.capture_times.push_back({time.frame(), *captured});
+  }
+  for (const v1::ObjectRun& run : tracks.objects()) {
+    absl::StatusOr<ObjectRun> converted = internal::ObjectRunFromProto(run);
+    if (!converted.ok()) return converted.status();
+    out.objects.push_back(*std::move(converted));
   }
   return out;
 }

@@ -3,8 +3,12 @@
 #pragma once
 
 #include <optional>
+#include <string>
+#include <vector>
 
+#include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "api/errors.h"
 #include "api/types.h"
 #include "holdfast/v1/point_tracking.pb.h"
 
@@ -44,5 +48,13 @@ inline void DurationToProto(absl::Duration duration, google::protobuf::Duration*
   out->set_seconds(absl::IDivDuration(duration, absl::Seconds(1), &duration));
   out->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(duration)));
 }
+
+// Objects (convert_objects.cc). 'field' is the path of the list, e.g. "config.objects".
+using ObjectMessages = google::protobuf::RepeatedPtrField<v1::Object>;
+void ObjectsToProto(const std::vector<ObjectQuery>& objects, ObjectMessages* out);
+std::vector<ObjectQuery> ObjectsFromProto(const ObjectMessages& objects, const std::string& field,
+                                          Violations& violations);
+void ObjectRunToProto(const ObjectRun& run, v1::ObjectRun* out);
+absl::StatusOr<ObjectRun> ObjectRunFromProto(const v1::ObjectRun& run);
 
 }  // namespace holdfast::internal

@@ -30,8 +30,13 @@ constexpr uint32_t kFrameTag = TagOf(v1::TrackRequest::kFrameFieldNumber);
 constexpr uint32_t kDataTag = TagOf(v1::Frame::kDataFieldNumber);
 constexpr uint32_t kConfigTag = TagOf(v1::TrackRequest::kConfigFieldNumber);
 constexpr uint32_t kTokenTag = TagOf(v1::SessionConfig::kResumeTokenFieldNumber);
+constexpr uint32_t kConfigObjectTag = TagOf(v1::SessionConfig::kObjectsFieldNumber);
+constexpr uint32_t kFrameObjectTag = TagOf(v1::Frame::kObjectsFieldNumber);
+constexpr int64_t kObjectBytes = 64;  // of an object on the wire, at most, beside its mask or polygon
+constexpr int64_t kMostObjectBytes = kMaxObjectBytes + kMaxObjects * kObjectBytes;
 
-// Walks over a message as far as it is well-formed and within 'most' bytes beside the data of frames and a token.
+// Walks over a message as far as it is well-formed and within 'most' bytes beside the data of frames, a token and
+// objects.
 class Measure {
  public:
   Measure(CodedInputStream& in, int64_t most) : in_(in), most_(most) {}
@@ -44,26 +49,35 @@ class Measure {
   }
 
  private:
-  bool Exceeded() const { return in_.CurrentPosition() - data_ - std::min(token_, kMaxTokenBytes) > most_; }
+  bool Exceeded() const {
+    const int64_t own = data_ + std::min(token_, kMaxTokenBytes) + std::min(object_bytes_, kMostObjectBytes);
+    return in_.CurrentPosition() - own > most_ || objects_ > kMaxObjects;
+  }
 
   // False, here and below: there is no use in going on.
   bool WalkField(uint32_t tag) {
-    if (tag == kFrameTag) return WalkPart(kDataTag, data_);
-    if (tag == kConfigTag) return WalkPart(kTokenTag, token_);
+    if (tag == kFrameTag) return WalkPart(kDataTag, data_, kFrameObjectTag);
+    if (tag == kConfigTag) return WalkPart(kTokenTag, token_, kConfigObjectTag);
     return WireFormatLite::SkipField(&in_, tag);
   }
 
-  // A message within the message. Adds the bytes of its fields of that tag to 'counted'.
-  bool WalkPart(uint32_t counted_tag, int64_t& counted) {
+  // A message within the message. Adds the bytes of its fields of that tag to 'counted', and counts its objects.
+  bool WalkPart(uint32_t counted_tag, int64_t& counted, uint32_t object_tag) {
     uint32_t size = 0;
     if (!in_.ReadVarint32(&size)) return false;
     const CodedInputStream::Limit outer = in_.PushLimit(static_cast<int>(size));
     while (const uint32_t tag = in_.ReadTag()) {
-      if (!(tag == counted_tag ? WalkBytes(counted) : WireFormatLite::SkipField(&in_, tag))) return false;
-      if (Exceeded()) return false;
+      if (!WalkPartField(tag, counted_tag, counted, object_tag) || Exceeded()) return false;
     }
     in_.PopLimit(outer);
     return true;
+  }
+
+  bool WalkPartField(uint32_t tag, uint32_t counted_tag, int64_t& counted, uint32_t object_tag) {
+    if (tag == counted_tag) return WalkBytes(counted);
+    if (tag != object_tag) return WireFormatLite::SkipField(&in_, tag);
+    ++objects_;
+    return WalkBytes(object_bytes_);
   }
 
   bool WalkBytes(int64_t& counted) {
@@ -77,6 +91,8 @@ class Measure {
   const int64_t most_;
   int64_t data_ = 0;   // bytes of frames' data
   int64_t token_ = 0;  // bytes of tokens
+  int64_t objects_ = 0;
+  int64_t object_bytes_ = 0;
 };
 
 bool Fits(google::protobuf::io::ZeroCopyInputStream& bytes, int64_t most) {
@@ -89,7 +105,7 @@ int64_t MostBytes(int max_points) { return kOtherBytes + kPointBytes * max_point
 absl::Status TooManyPoints(int max_points) {
   return OverloadError("points of a session",
                        absl::StrCat("at most ", max_points, "; a message has more than the ", MostBytes(max_points),
-                                    " bytes that they need beside a picture or a token"),
+                                    " bytes that they need beside a picture, objects or a token"),
                        absl::ZeroDuration());
 }
 

@@ -12,8 +12,8 @@
 
 namespace holdfast {
 
-// Empties 'bytes'. RESOURCE_EXHAUSTED, at once: more bytes beside a frame's data, or the token of a session that is
-// resumed, than 'max_points' points need.
+// Empties 'bytes'. RESOURCE_EXHAUSTED, at once: more bytes beside a frame's data, objects within their limits, or the
+// token of a session that is resumed, than 'max_points' points need.
 // INVALID_ARGUMENT: no message.
 absl::Status ParseRequest(grpc::ByteBuffer& bytes, int max_points, v1::TrackRequest& request);
 // The same for bytes that came otherwise.

@@ -267,5 +267,71 @@ TEST(ConvertTest, AnAcceptanceThatMakesNoSenseIsRefused) {
   EXPECT_THAT(FromProto(v1::GetServerInfoResponse()), StatusIs(absl::StatusCode::kInternal));
 }
 
+ObjectQuery Masked() { return {7, "png", {}, 48}; }
+ObjectQuery Drawn() { return {kMaxObjectId, "", {{1, 2}, {3.5F, 4}, {5, 6}}, 0}; }
+
+TEST(ConvertTest, ObjectsSurviveTheRoundTrip) {
+  SessionConfig config;
+  config.objects = {Masked(), Drawn()};
+  const absl::StatusOr<SessionConfig> back = FromProto(ToProto(config));
+  ASSERT_THAT(back, IsOk());
+  ASSERT_THAT(back->objects, SizeIs(2));
+  EXPECT_EQ(back->objects[0].mask_png, "png");
+  EXPECT_EQ(back->objects[0].points, 48);
+  EXPECT_EQ(back->objects[1].id, kMaxObjectId);
+  ASSERT_THAT(back->objects[1].polygon, SizeIs(3));
+  EXPECT_EQ(back->objects[1].polygon[1].x, 3.5F);
+  Frame frame{0, "data", {}, {}, {Masked()}};
+  const absl::StatusOr<Frame> frame_back = FromProto(ToProto(frame));
+  ASSERT_THAT(frame_back, IsOk());
+  ASSERT_THAT(frame_back->objects, SizeIs(1));
+  EXPECT_EQ(frame_back->objects[0].id, 7U);
+}
+
+TEST(ConvertTest, ObjectsThatAreTooLargeToLookAtAreNamed) {
+  const auto fields_of = [](auto spoil) {
+    SessionConfig plain;
+    plain.objects = {Masked(), Drawn()};
+    v1::SessionConfig config = ToProto(plain);
+    spoil(config);
+    return ViolatedFields(FromProto(config).status());
+  };
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_objects(0)->set_id(1U << 31); }), ElementsAre("config.objects[0].id"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_objects(0)->set_points(257); }),
+              ElementsAre("config.objects[0].points"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_objects(1)->mutable_polygon()->add_x(1); }),
+              ElementsAre("config.objects[1].polygon.y"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_objects(0)->set_mask_png(std::string(kMaxObjectBytes, 'x')); }),
+              ElementsAre("config.objects"));
+  EXPECT_THAT(fields_of([](auto& c) {
+                for (int i = 0; i < kMaxObjects; ++i) c.add_objects();
+              }),
+              ElementsAre("config.objects"));
+}
+
+TEST(ConvertTest, WhatIsSaidOfObjectsSurvivesTheRoundTrip) {
+  ObjectSample sample{{1, 2}, 1.5F, -0.25F, 0.75F, {{0, 0}, {4, 0}, {4, 4}}, {ObjectPointId(7, 3)}};
+  TrackUpdate update;
+  update.objects = {{7, 12, {sample, sample}, 1}};
+  v1::Tracks message = ToProto(update);
+  const absl::StatusOr<TrackUpdate> back = FromProto(message);
+  ASSERT_THAT(back, IsOk());
+  ASSERT_THAT(back->objects, SizeIs(1));
+  EXPECT_EQ(back->objects[0].first_frame, 12);
+  EXPECT_EQ(back->objects[0].final_count, 1);
+  ASSERT_THAT(back->objects[0].samples, SizeIs(2));
+  const ObjectSample& second = back->objects[0].samples[1];
+  EXPECT_EQ(second.rotation, -0.25F);
+  EXPECT_EQ(second.outline[2].y, 4);
+  EXPECT_THAT(second.left, ElementsAre(ObjectPointId(7, 3)));
+  message.mutable_objects(0)->set_final_count(3);
+  EXPECT_THAT(FromProto(message), StatusIs(absl::StatusCode::kInternal, HasSubstr("object 7")));
+  message = ToProto(update);
+  message.mutable_objects(0)->mutable_samples(1)->add_outline_x(1);
+  EXPECT_THAT(FromProto(message), StatusIs(absl::StatusCode::kInternal));
+  message.mutable_objects(0)->clear_samples();
+  EXPECT_THAT(FromProto(message), StatusIs(absl::StatusCode::kInternal));
+}
+
 }  // namespace
 }  // namespace holdfast

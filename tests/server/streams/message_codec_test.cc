@@ -96,6 +96,9 @@ TEST(MessageCodecTest, RefusesWhatWouldGrowWithoutParsingIt) {
       Field(2, Repeated(empty_point, kMillion) + frame),              // before it
       Repeated(Field(2, frame + Repeated(empty_point, 1000)), 1000),  // in frames of one message, which are merged
       Repeated(Field(2, Field(2, "")), kMillion),                     // empty data, again and again
+      Field(2, Repeated(Field(5, ""), kMillion)),                     // objects that are none
+      Field(2, Field(5, Field(2, std::string(kMillion, 'm')))),       // a mask that is too large
+      Repeated(Field(2, Field(5, Field(2, std::string(10'000, 'm')))), 65),  // in frames, which are merged
       Field(3, Repeated(unknown, kMillion)),
       Repeated(unknown, kMillion),  // fields of no meaning
   };
@@ -161,6 +164,20 @@ TEST(MessageCodecTest, ResponsesSurviveTheRoundTrip) {
   v1::TrackResponse back;
   ASSERT_TRUE(grpc::SerializationTraits<v1::TrackResponse>::Deserialize(&bytes, &back).ok());
   EXPECT_EQ(back.summary().frames(), 7);
+}
+
+TEST(MessageCodecTest, ObjectsWithinTheirLimitsFitBesideALargeFrame) {
+  v1::TrackRequest sent = FrameRequest(16 << 20, kMaxPoints);
+  for (int i = 0; i < kMaxObjects; ++i) {
+    v1::Object* object = sent.mutable_frame()->add_objects();
+    object->set_id(kMaxObjectId);
+    object->set_points(256);
+    object->set_mask_png(std::string(kMaxObjectBytes / kMaxObjects, 'm'));
+  }
+  grpc::ByteBuffer bytes = Bytes(sent.SerializeAsString());
+  v1::TrackRequest request;
+  ASSERT_THAT(ParseRequest(bytes, kMaxPoints, request), IsOk());
+  EXPECT_EQ(request.frame().objects_size(), kMaxObjects);
 }
 
 }  // namespace
