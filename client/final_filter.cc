@@ -22,6 +22,15 @@ void DropOldTimes(TrackUpdate& update) {
               std::find_if(times.begin(), times.end(), [first](const FrameTime& time) { return time.frame >= first; }));
 }
 
+template <typename Run, typename Frames>
+void Remember(const std::vector<Run>& runs, Frames& reported) {
+  for (const Run& run : runs) {
+    if (run.final_count == 0) continue;
+    int64_t& before = reported[run.id];
+    before = std::max(before, run.first_frame + run.final_count);
+  }
+}
+
 }  // namespace
 
 void FinalFilter::Apply(TrackUpdate& update) {
@@ -33,11 +42,22 @@ void FinalFilter::Apply(TrackUpdate& update) {
     update.runs.erase(std::remove_if(update.runs.begin(), update.runs.end(), empty), update.runs.end());
     DropOldTimes(update);
   }
-  for (const PointRun& run : update.runs) {
-    if (run.final_count == 0) continue;
-    int64_t& before = reported_[run.id];
-    before = std::max(before, run.first_frame + run.final_count);
+  if (!repeated_objects_.empty()) {
+    for (ObjectRun& run : update.objects) Cut(run);
+    const auto empty = [](const ObjectRun& run) { return run.samples.empty(); };
+    update.objects.erase(std::remove_if(update.objects.begin(), update.objects.end(), empty), update.objects.end());
   }
+  Remember(update.runs, reported_);
+  Remember(update.objects, reported_objects_);
+}
+
+void FinalFilter::Cut(ObjectRun& run) const {
+  const auto found = repeated_objects_.find(run.id);
+  if (found == repeated_objects_.end() || found->second <= run.first_frame) return;
+  const int64_t count = std::min(found->second - run.first_frame, static_cast<int64_t>(run.samples.size()));
+  DropFirst(count, run.samples);
+  run.first_frame += count;
+  run.final_count = std::max<int64_t>(0, run.final_count - count);
 }
 
 void FinalFilter::Cut(PointRun& run) const {
@@ -53,9 +73,11 @@ void FinalFilter::Cut(PointRun& run) const {
 }
 
 void FinalFilter::ForgetBefore(int64_t frame) {
-  const auto old = [frame](const FramesByPoint::value_type& point) { return point.second <= frame; };
+  const auto old = [frame](const auto& reported) { return reported.second <= frame; };
   absl::erase_if(reported_, old);
   absl::erase_if(repeated_, old);
+  absl::erase_if(reported_objects_, old);
+  absl::erase_if(repeated_objects_, old);
 }
 
 }  // namespace holdfast

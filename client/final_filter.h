@@ -16,7 +16,10 @@ namespace holdfast {
 class FinalFilter {
  public:
   // What was reported so far may come again from now on.
-  void Resume() { repeated_ = reported_; }
+  void Resume() {
+    repeated_ = reported_;
+    repeated_objects_ = reported_objects_;
+  }
   void Apply(TrackUpdate& update);
   // No sample of a frame before this one comes again. What has to be remembered is bounded by it.
   void ForgetBefore(int64_t frame);
@@ -26,11 +29,15 @@ class FinalFilter {
 
  private:
   using FramesByPoint = absl::flat_hash_map<PointId, int64_t>;  // frames before this one are final
+  using FramesByObject = absl::flat_hash_map<ObjectId, int64_t>;
 
   void Cut(PointRun& run) const;
+  void Cut(ObjectRun& run) const;
 
   FramesByPoint reported_;
   FramesByPoint repeated_;  // as of the last Resume: only what comes again is cut
+  FramesByObject reported_objects_;
+  FramesByObject repeated_objects_;
   int64_t frames_received_ = 0;
   int64_t frames_processed_ = 0;
 };

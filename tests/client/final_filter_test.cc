@@ -144,5 +144,27 @@ TEST(FinalFilterTest, WhatCannotComeAgainIsForgotten) {
               ElementsAre("4: 7..8 (2)", "5: 9..9 (1)"));
 }
 
+TEST(FinalFilterTest, NoFinalSampleOfAnObjectComesTwice) {
+  FinalFilter filter;
+  const auto update = [](int64_t first, size_t length, int64_t finals) {
+    TrackUpdate made;
+    made.objects = {{3, first, std::vector<ObjectSample>(length), finals}};
+    return made;
+  };
+  TrackUpdate first = update(0, 12, 9);
+  filter.Apply(first);
+  EXPECT_EQ(first.objects[0].samples.size(), 12U);
+  filter.Resume();
+  TrackUpdate again = update(0, 8, 8);
+  filter.Apply(again);
+  EXPECT_THAT(again.objects, IsEmpty());
+  TrackUpdate on = update(6, 8, 5);
+  filter.Apply(on);
+  ASSERT_EQ(on.objects.size(), 1U);
+  EXPECT_EQ(on.objects[0].first_frame, 9);
+  EXPECT_EQ(on.objects[0].samples.size(), 5U);
+  EXPECT_EQ(on.objects[0].final_count, 2);
+}
+
 }  // namespace
 }  // namespace holdfast

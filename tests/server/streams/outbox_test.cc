@@ -183,5 +183,51 @@ TEST(OutboxTest, CoalescedUpdatesTellTheSameAsTheUpdatesThemselves) {
   }
 }
 
+ObjectRun MakeObjectRun(int64_t first_frame, const std::vector<float>& x, int64_t final_count) {
+  ObjectRun run{3, first_frame, {}, final_count};
+  for (const float value : x) run.samples.push_back({{value, 0}, 1, 0, 1, {}, {}});
+  return run;
+}
+std::vector<float> Centres(const ObjectRun& run) {
+  std::vector<float> x;
+  for (const ObjectSample& sample : run.samples) x.push_back(sample.centre.x);
+  return x;
+}
+
+TEST(OutboxTest, WhatIsSaidOfObjectsIsCoalescedToo) {
+  Outbox outbox;
+  TrackUpdate update = Update({MakeRun(1, 10, {1}, 0)});
+  update.objects = {MakeObjectRun(10, {1, 2, 3}, 1)};
+  outbox.Add(update);
+  update.objects = {MakeObjectRun(11, {20, 30, 40}, 2)};
+  outbox.Add(update);
+  const TrackUpdate taken = outbox.Take(kNoLimit);
+  ASSERT_THAT(taken.objects, SizeIs(1));
+  EXPECT_THAT(Centres(taken.objects[0]), ElementsAre(1, 20, 30, 40));
+  EXPECT_EQ(taken.objects[0].final_count, 3);
+  EXPECT_TRUE(outbox.empty());
+  EXPECT_EQ(outbox.bytes(), 0);
+}
+
+TEST(OutboxTest, ObjectsComeBehindTheirPointsAndInPieces) {
+  Outbox outbox;
+  TrackUpdate update = Update({MakeRun(1, 0, {1, 2}, 0)});
+  update.objects = {MakeObjectRun(0, {1, 2, 3}, 2)};
+  outbox.Add(update);
+  outbox.Mark();
+  EXPECT_THAT(outbox.Take(48 + 13).objects, IsEmpty());
+  std::vector<float> centres;
+  int64_t finals = 0;
+  while (outbox.marked_waits()) {
+    for (const ObjectRun& run : outbox.Take(90).objects) {
+      for (const float x : Centres(run)) centres.push_back(x);
+      finals += run.final_count;
+    }
+  }
+  EXPECT_THAT(centres, ElementsAre(1, 2, 3));
+  EXPECT_EQ(finals, 2);
+  EXPECT_EQ(outbox.bytes(), 0);
+}
+
 }  // namespace
 }  // namespace holdfast
