@@ -8,6 +8,7 @@
 #include "absl/base/casts.h"
 #include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
+#include "server/checkpoint/object_convert.h"
 
 namespace holdfast {
 namespace {
@@ -219,6 +220,10 @@ absl::Status Check(const v1::SessionState& message) {
     }
     if (fault != kFine) return Malformed(absl::StrCat("track ", i, ": ", fault));
   }
+  for (int i = 0; i < message.objects_size(); ++i) {
+    const absl::string_view fault = FaultOfObject(message.objects(i));
+    if (fault != kFine) return Malformed(absl::StrCat("object ", i, ": ", fault));
+  }
   return absl::OkStatus();
 }
 
@@ -290,6 +295,7 @@ v1::SessionState ToProto(const SessionState& state) {
   out.set_summary_points(state.summary.points);
   out.set_summary_final_samples(state.summary.final_samples);
   for (const SessionState::Track& track : state.tracks) ToProto(track, out.add_tracks());
+  for (const ObjectState& object : state.objects) ObjectToProto(object, out.add_objects());
   return out;
 }
 
@@ -310,6 +316,7 @@ absl::StatusOr<SessionState> FromProto(const v1::SessionState& message) {
   state.summary = {message.summary_frames(), message.summary_points(), message.summary_final_samples()};
   state.tracks.reserve(message.tracks_size());
   for (const v1::Track& track : message.tracks()) state.tracks.push_back(TrackFromProto(track));
+  for (const v1::Object& object : message.objects()) state.objects.push_back(ObjectFromProto(object));
   return state;
 }
 

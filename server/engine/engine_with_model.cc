@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/engine/admission.h"
 #include "server/engine/input/decode_pool.h"
+#include "server/engine/input/object_input.h"
 #include "server/engine/input/point_check.h"
 #include "server/engine/input/session_config.h"
 #include "server/engine/resume.h"
@@ -161,8 +162,10 @@ class EngineImpl final : public Engine {
     auto session = std::make_shared<Session>(options, listener, clock_, metrics_, threads, *std::move(ticket));
     if (state) {
       session->Resume(*std::move(state));
-    } else if (absl::Status status = session->inbox().AddPoints("config.points", config.points); !status.ok()) {
-      return status;
+    } else {
+      absl::Status added = session->inbox().AddPoints("config.points", config.points);
+      added.Update(session->inbox().AddObjects("config.objects", config.objects));
+      if (!added.ok()) return added;
     }
     metrics_.SessionOpened();
     scheduler_.Add(session);
@@ -176,8 +179,9 @@ class EngineImpl final : public Engine {
     demand.insists = config.frames_per_second > 0;
     demand.frames_per_second = demand.insists ? config.frames_per_second : options_.least_frames_per_second;
     demand.work = meter_.Of(options.accepted);
-    const size_t known = options.inbox.resumed ? options.inbox.resumed->ids.size() : config.points.size();
-    demand.points = std::max<int64_t>(config.expected_points, static_cast<int64_t>(known));
+    const int64_t known =
+        static_cast<int64_t>(options.inbox.resumed ? options.inbox.resumed->ids.size() : config.points.size());
+    demand.points = std::max<int64_t>(config.expected_points, known + PointsOf(config.objects));
     return demand;
   }
 

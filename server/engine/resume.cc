@@ -8,6 +8,7 @@
 
 #include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
+#include "api/limits.h"
 
 namespace holdfast {
 namespace {
@@ -67,6 +68,14 @@ bool IsPossible(const TrackState& track, const WindowOptions& windows, const Ses
          (track.ending->last_frame <= state.taken_frame && track.ending->last_frame >= track.seed.frame);
 }
 
+// The frames that an object still waits for are those that its points will be reported on.
+bool IsPossible(const ObjectState& object, const SessionState& state) {
+  const int64_t members = static_cast<int64_t>(object.members.size());
+  return object.id <= kMaxObjectId && members <= kMaxObjectPoints &&
+         object.judgement.standings.size() == object.members.size() && object.query_frame < state.taken_frame &&
+         object.next >= object.query_frame && object.next <= state.taken_frame + 1;
+}
+
 }  // namespace
 
 absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const SessionState& state,
@@ -88,6 +97,7 @@ absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const S
   resumed.motion_prior = state.motion_prior;
   resumed.polish = state.polish;
   resumed.points.clear();
+  resumed.objects.clear();
   return resumed;
 }
 
@@ -105,6 +115,9 @@ absl::Status CheckState(const SessionState& state, const WindowOptions& windows,
       return Impossible(absl::StrCat("its track of point ", seed.query.id, " is impossible"));
     }
   }
+  for (const ObjectState& object : state.objects) {
+    if (!IsPossible(object, state)) return Impossible(absl::StrCat("its object ", object.id, " is impossible"));
+  }
   return absl::OkStatus();
 }
 
@@ -114,6 +127,7 @@ SessionInbox::Options::Resumed ResumedInbox(const SessionState& state) {
   resumed.taken = state.taken_frame;
   resumed.frame_size = state.frame_size;
   resumed.next_serial = state.next_serial;
+  resumed.objects = !state.objects.empty();
   for (const SessionState::Track& track : state.tracks) {
     if (!track.state.ending) resumed.ids.insert(track.state.seed.query.id);
   }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "api/errors.h"
+#include "server/engine/input/object_input.h"
 #include "server/engine/status_of.h"
 
 namespace holdfast {
@@ -59,6 +60,7 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
       flow_(MakeFlow(options)),
       polish_(options.accepted.polish ? std::make_unique<SessionPolish>(*flow_) : nullptr),
       latency_(metrics),
+      objects_(options.provisional),
       ticket_(std::move(ticket)),
       tracks_(options.windows, options.provisional, options.confidence) {}
 
@@ -103,11 +105,17 @@ void Session::Decode(int64_t index) {
   const std::optional<std::string> bytes = inbox_.TakeBytes(index);
   if (!bytes) return;
   const SteadyTime begin = clock_.SteadyNow();
+  const std::vector<WaitingObject> objects = inbox_.TakeObjects(index);
+  const bool wants_gray = flow_ != nullptr || !objects.empty();
   GrayImage gray;
-  if (flow_ != nullptr) gray.size = flow_size();
+  if (wants_gray) gray.size = flow_size();
   // The inbox has checked the frame when it came.
   auto image = DecodeFrame(*bytes, options_.inbox.format, inbox_.frame_size(), options_.accepted.processing_size,
-                           flow_ == nullptr ? nullptr : &gray);
+                           wants_gray ? &gray : nullptr);
+  if (image.ok() && !objects.empty()) {
+    // Before the frame is there for those who take what was said at it.
+    if (absl::Status placed = PlaceObjects(index, objects, gray); !placed.ok()) image = std::move(placed);
+  }
   const SteadyTime end = clock_.SteadyNow();
   if (flow_ != nullptr && image.ok()) {
     RunFlow([&] { flow_->AddFrame(index, std::make_shared<FlowPyramid>(gray)); });
@@ -116,6 +124,19 @@ void Session::Decode(int64_t index) {
   if (inbox_.SetDecoded(index, std::move(image), end) && rejected) metrics_.FrameDone(FrameResult::kRejected);
   metrics_.StageTook(Stage::kDecode, Between(begin, end));
   TellWork({Stage::kDecode, begin, end, index, 1});
+}
+
+absl::Status Session::PlaceObjects(int64_t index, absl::Span<const WaitingObject> objects, const GrayImage& gray) {
+  for (const WaitingObject& object : objects) {
+    const absl::StatusOr<PlacedObject> placed = PlaceObject(object.query, object.field, inbox_.frame_size(), gray);
+    if (!placed.ok()) return placed.status();
+    {
+      absl::MutexLock lock(&emit_mutex_);
+      objects_.Add(ObjectGroup(object.query.id, index, placed->shape, placed->points));
+    }
+    inbox_.PlaceObject(object.query.id, index, placed->points);
+  }
+  return absl::OkStatus();
 }
 
 void Session::SubmitFlow() {
@@ -212,6 +233,7 @@ void Session::ApplyOps(TrackerModel& model) {
   for (size_t i = 0; i < ops.size();) {
     if (ops[i].kind == PointOp::Kind::kRemove) {
       tracks_.Remove(ops[i].query.id, ops[i].frame);
+      RemoveFromObject(ops[i]);
       ++i;
       continue;
     }
@@ -222,6 +244,11 @@ void Session::ApplyOps(TrackerModel& model) {
     i = end;
   }
   CountPoints(before);
+}
+
+void Session::RemoveFromObject(const PointOp& removal) {
+  absl::MutexLock lock(&emit_mutex_);
+  objects_.Remove(removal.query.id, removal.frame);
 }
 
 void Session::Seed(absl::Span<const PointOp> ops, TrackerModel& model) {
@@ -304,10 +331,10 @@ bool Session::FinishPolish() {
   return true;
 }
 
-void Session::Deliver(std::vector<PointRun> runs) {
-  if (runs.empty()) return;
+void Session::Deliver(std::vector<PointRun> runs, absl::Span<const TrackSet::Dropped> ended) {
   for (const PointRun& run : runs) summary_.final_samples += run.final_count;
   absl::MutexLock lock(&emit_mutex_);
+  for (const TrackSet::Dropped& track : ended) objects_.Close(track.id, track.frame);
   EmitLocked(std::move(runs));
 }
 
@@ -321,12 +348,16 @@ void Session::DeliverLive() {
 
 void Session::EmitLocked(std::vector<PointRun> runs) {
   const SteadyTime begin = clock_.SteadyNow();
+  std::vector<ObjectRun> objects = objects_.Report(runs);
+  if (runs.empty() && objects.empty()) return;
   for (const PointRun& run : runs) {
     latency_.Estimated(run.first_frame, run.first_frame + static_cast<int64_t>(run.x.size()), begin);
   }
-  const int64_t first_frame = runs.front().first_frame, points = static_cast<int64_t>(runs.size());
+  const int64_t first_frame = runs.empty() ? objects.front().first_frame : runs.front().first_frame;
+  const int64_t points = static_cast<int64_t>(runs.size());
   std::vector<FrameTime> times = capture_times_.Of(runs);
-  listener_.OnTracks({std::move(runs), inbox_.frames_received(), frames_processed_, std::move(times)});
+  listener_.OnTracks(
+      {std::move(runs), inbox_.frames_received(), frames_processed_, std::move(times), std::move(objects)});
   const SteadyTime end = clock_.SteadyNow();
   metrics_.StageTook(Stage::kEmit, Between(begin, end));
   if (tell_work_) listener_.OnWork({Stage::kEmit, begin, end, first_frame, points});
@@ -351,10 +382,11 @@ void Session::EndTracks() {
   const int64_t before = tracks_.tracks();
   std::vector<PointRun> ended = tracks_.TakeEnded();
   CountPoints(before);
-  for (const uint64_t serial : tracks_.TakeDropped()) {
-    if (flow_ != nullptr) flow_->Drop(serial);
+  const std::vector<TrackSet::Dropped> dropped = tracks_.TakeDropped();
+  for (const TrackSet::Dropped& track : dropped) {
+    if (flow_ != nullptr) flow_->Drop(track.serial);
   }
-  Deliver(std::move(ended));
+  if (!dropped.empty()) Deliver(std::move(ended), dropped);
 }
 
 void Session::Evict() {

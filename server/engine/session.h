@@ -24,6 +24,7 @@
 #include "server/engine/latency_log.h"
 #include "server/engine/metrics.h"
 #include "server/engine/session_flow.h"
+#include "server/engine/session_objects.h"
 #include "server/engine/session_polish.h"
 #include "server/engine/session_state.h"
 #include "server/engine/tracker_model.h"
@@ -102,13 +103,16 @@ class Session : public std::enable_shared_from_this<Session> {
   bool FinishTurn();
   // All that it takes to go on elsewhere, as before what was said about points at the newest frame, which comes again.
   // REQUIRES: that frame is not the first, whose points came with the configuration.
-  SessionState State() const;
+  SessionState State() ABSL_LOCKS_EXCLUDED(emit_mutex_);
   // Ends the session as it stands.
   void Close(const absl::Status& status);
 
  private:
   // On a thread of the decode pool.
   void Decode(int64_t index);
+  // Those that are queried at the frame, which is 'gray'.
+  absl::Status PlaceObjects(int64_t index, absl::Span<const WaitingObject> objects, const GrayImage& gray)
+      ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void AdvanceFlow();
   void DeliverLive() ABSL_LOCKS_EXCLUDED(emit_mutex_);
   // Polishes one frame and comes again until all are done.
@@ -138,7 +142,9 @@ class Session : public std::enable_shared_from_this<Session> {
   static SessionFlow::Base BaseOf(const PointTrack& track, bool early);
 
   // On the compute thread.
-  void Deliver(std::vector<PointRun> runs) ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  // 'ended': tracks whose last runs these are.
+  void Deliver(std::vector<PointRun> runs, absl::Span<const TrackSet::Dropped> ended = {})
+      ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void StartChains(absl::Span<const DueRow> rows);
   void StartPolish();
   bool FinishPolish();
@@ -151,6 +157,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void Evict();
   absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
   void Seed(absl::Span<const PointOp> ops, TrackerModel& model);
+  void RemoveFromObject(const PointOp& removal) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void CountPoints(int64_t before);
 
   const Options options_;
@@ -171,6 +178,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // Held in every call of the listener, so that they come one at a time.
   absl::Mutex emit_mutex_;
   bool told_done_ ABSL_GUARDED_BY(emit_mutex_) = false;
+  SessionObjects objects_ ABSL_GUARDED_BY(emit_mutex_);
 
   // taken_frame of the newest checkpoint that was sent: the last one of a session may overtake one that is being made.
   int64_t checkpoint_sent_ ABSL_GUARDED_BY(emit_mutex_) = -1;

@@ -28,6 +28,8 @@ void Session::Resume(SessionState state) {
       RestoreFlow(track, saved.patch ? ReadPatch(saved.patch->at, saved.patch->code) : std::nullopt);
   }
   CountPoints(0);
+  absl::MutexLock lock(&emit_mutex_);
+  for (ObjectState& object : state.objects) objects_.Add(ObjectGroup(std::move(object)));
 }
 
 void Session::RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patch) {
@@ -41,7 +43,7 @@ void Session::RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patc
   if (track.estimated_before() > seed.frame + 1) flow_->Rebase({BaseOf(track, /*early=*/!track.began())});
 }
 
-SessionState Session::State() const {
+SessionState Session::State() {
   SessionState state;
   const SessionAccepted& accepted = options_.accepted;
   state.weights_sha256 = options_.weights_sha256;
@@ -66,6 +68,8 @@ SessionState Session::State() const {
     if (flow_ == nullptr) continue;
     if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = {patch->at, patch->code};
   }
+  absl::MutexLock lock(&emit_mutex_);
+  state.objects = objects_.StatesBefore(state.taken_frame);
   return state;
 }
 

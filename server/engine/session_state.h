@@ -8,6 +8,7 @@
 
 #include "api/types.h"
 #include "server/engine/motion/flow.h"
+#include "server/engine/objects/object_state.h"
 #include "server/engine/tracks/track_state.h"
 
 namespace holdfast {
@@ -40,7 +41,8 @@ struct SessionState {
     TrackState state;
     std::optional<Patch> patch;  // the picture around the query, for polish
   };
-  std::vector<Track> tracks;  // in the order they were seeded
+  std::vector<Track> tracks;         // in the order they were seeded
+  std::vector<ObjectState> objects;  // in the order they were queried
 };
 
 }  // namespace holdfast

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <utility>
@@ -29,6 +30,13 @@ struct FinalSample {
   }
 };
 using FinalTrack = std::map<int64_t, FinalSample>;
+using FinalObject = std::map<int64_t, ObjectSample>;
+
+inline bool SameObjectSamples(const ObjectSample& a, const ObjectSample& b) {
+  const auto same = [](Pixel p, Pixel q) { return p.x == q.x && p.y == q.y; };
+  return same(a.centre, b.centre) && a.scale == b.scale && a.rotation == b.rotation && a.visible == b.visible &&
+         a.left == b.left && std::equal(a.outline.begin(), a.outline.end(), b.outline.begin(), b.outline.end(), same);
+}
 
 // Updates, and how the session ended. Checks that runs are well-formed and that a point's runs follow each other:
 // every frame becomes final at most once.
@@ -38,6 +46,7 @@ class UpdateRecorder {
     absl::MutexLock lock(&mutex_);
     EXPECT_FALSE(done_) << "an update after the end";
     for (const PointRun& run : update.runs) AddRunLocked(run);
+    for (const ObjectRun& run : update.objects) AddRunLocked(run);
     updates_.push_back(std::move(update));
     changed_.SignalAll();
   }
@@ -86,6 +95,11 @@ class UpdateRecorder {
     const auto it = finals_.find(id);
     return it == finals_.end() ? FinalTrack() : it->second;
   }
+  FinalObject FinalOfObject(ObjectId id) const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    const auto it = final_objects_.find(id);
+    return it == final_objects_.end() ? FinalObject() : it->second;
+  }
   std::vector<TrackUpdate> updates() const ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
     return updates_;
@@ -111,10 +125,21 @@ class UpdateRecorder {
     }
   }
 
+  void AddRunLocked(const ObjectRun& run) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    EXPECT_FALSE(run.samples.empty());
+    EXPECT_LE(run.final_count, static_cast<int64_t>(run.samples.size()));
+    FinalObject& object = final_objects_[run.id];
+    if (!object.empty()) {
+      EXPECT_GE(run.first_frame, object.rbegin()->first + 1);
+    }
+    for (int64_t i = 0; i < run.final_count; ++i) object[run.first_frame + i] = run.samples[i];
+  }
+
   mutable absl::Mutex mutex_;
   absl::CondVar changed_;
   std::vector<TrackUpdate> updates_ ABSL_GUARDED_BY(mutex_);
   std::map<PointId, FinalTrack> finals_ ABSL_GUARDED_BY(mutex_);
+  std::map<ObjectId, FinalObject> final_objects_ ABSL_GUARDED_BY(mutex_);
   std::optional<absl::Status> done_ ABSL_GUARDED_BY(mutex_);
   SessionSummary summary_ ABSL_GUARDED_BY(mutex_);
   std::vector<Checkpoint> checkpoints_ ABSL_GUARDED_BY(mutex_);

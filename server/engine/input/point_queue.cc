@@ -7,6 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+#include "api/limits.h"
+#include "server/engine/input/object_input.h"
 #include "server/engine/input/point_check.h"
 
 namespace holdfast {
@@ -21,19 +23,50 @@ constexpr int64_t kSpareChanges = 1024;  // for sessions of few points
 PointQueue::PointQueue(int max_points)
     : max_points_(max_points), max_waiting_(kMaxChangesPerPoint * max_points + kSpareChanges) {}
 
-void PointQueue::Resume(absl::flat_hash_set<PointId> ids, uint64_t next_serial) {
+void PointQueue::Resume(absl::flat_hash_set<PointId> ids, bool objects, uint64_t next_serial) {
+  for (const PointId id : ids) {
+    if (IsObjectPoint(id)) ++(objects ? objects_[ObjectOf(id)] : strangers_);
+  }
   ids_ = std::move(ids);
   serial_ = next_serial;
 }
 
 absl::Status PointQueue::CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points,
                                     int64_t frame) const {
-  const int64_t fresh =
-      std::count_if(points.begin(), points.end(), [this](const PointQuery& p) { return !ids_.contains(p.id); });
-  if (absl::Status status = CheckPointCount(static_cast<int64_t>(ids_.size()) + fresh, max_points_); !status.ok()) {
+  if (!objects_.empty()) {
+    const auto reserved = std::find_if(points.begin(), points.end(), [](const auto& p) { return IsObjectPoint(p.id); });
+    if (reserved != points.end()) {
+      return InvalidFieldError(absl::StrCat(list, "[", reserved - points.begin(), "].id"),
+                               absl::StrCat(reserved->id, " is one of those that points of objects have"));
+    }
+  }
+  const int64_t known = static_cast<int64_t>(ids_.size());
+  if (absl::Status status = CheckPointCount(known + CountFresh(points), max_points_); !status.ok()) return status;
+  return CheckRoom(list, static_cast<int64_t>(points.size()), frame);
+}
+
+int64_t PointQueue::CountFresh(const std::vector<PointQuery>& points) const {
+  return std::count_if(points.begin(), points.end(), [this](const PointQuery& p) { return !ids_.contains(p.id); });
+}
+
+absl::Status PointQueue::CheckObjects(absl::string_view list, const std::vector<ObjectQuery>& objects,
+                                      const std::vector<PointQuery>& points, int64_t frame) const {
+  if (objects.empty()) return absl::OkStatus();
+  const int64_t more = PointsOf(objects) + CountFresh(points);
+  if (absl::Status status = CheckPointCount(static_cast<int64_t>(ids_.size()) + more, max_points_); !status.ok()) {
     return status;
   }
-  return CheckRoom(list, static_cast<int64_t>(points.size()), frame);
+  if (objects.size() + objects_.size() > static_cast<size_t>(kMaxObjects)) {
+    return OverloadError("objects of a session", absl::StrCat("at most ", kMaxObjects), absl::ZeroDuration());
+  }
+  const bool strange = std::any_of(points.begin(), points.end(), [](const auto& p) { return IsObjectPoint(p.id); });
+  if (strange || strangers_ > 0)
+    return InvalidFieldError(list, "the session has points of ids that points of objects have");
+  for (size_t i = 0; i < objects.size(); ++i) {
+    if (!objects_.contains(objects[i].id)) continue;
+    return InvalidFieldError(absl::StrCat(list, "[", i, "].id"), absl::StrCat(objects[i].id, " is in use"));
+  }
+  return CheckRoom(list, more, frame);
 }
 
 absl::Status PointQueue::CheckRemovals(absl::string_view list, const std::vector<PointId>& ids) const {
@@ -56,10 +89,48 @@ void PointQueue::Seed(absl::string_view list, const std::vector<PointQuery>& poi
   for (size_t i = 0; i < points.size(); ++i) {
     const PointId id = points[i].id;
     const int64_t replaced = ForgetReplaced(id);
-    ids_.insert(id);
+    if (ids_.insert(id).second && IsObjectPoint(id)) ++strangers_;
     waiting_.push_back({{PointOp::Kind::kSeed, frame_, points[i], serial_++, replaced + 1}, list, i});
     ++at_frame_;
     newest_[id] = {std::prev(waiting_.end()), waiting_.end()};
+  }
+}
+
+void PointQueue::SeedObject(const ObjectQuery& object) {
+  const int points = PointsOf(object);
+  for (int i = 0; i < points; ++i) {
+    const PointId id = ObjectPointId(object.id, static_cast<uint32_t>(i));
+    ids_.insert(id);
+    waiting_.push_back({{PointOp::Kind::kSeed, frame_, {id}, serial_++, 1}, {}, 0});
+    ++at_frame_;
+  }
+  objects_[object.id] = points;
+}
+
+void PointQueue::PlaceObject(ObjectId object, int64_t frame, const std::vector<PointQuery>& points) {
+  for (auto waiting = waiting_.begin(); waiting != waiting_.end();) {
+    PointOp& op = waiting->op;
+    const PointId id = op.query.id;
+    const auto here = waiting++;
+    if (op.kind != PointOp::Kind::kSeed || op.frame != frame || !IsObjectPoint(id) || ObjectOf(id) != object) continue;
+    const size_t index = id - ObjectPointId(object, 0);
+    if (index < points.size()) {
+      op.query = points[index];
+      continue;
+    }
+    if (op.frame == frame_) --at_frame_;
+    waiting_.erase(here);
+    Forget(id);
+  }
+}
+
+void PointQueue::Forget(PointId id) {
+  if (ids_.erase(id) == 0 || !IsObjectPoint(id)) return;
+  const auto found = objects_.find(ObjectOf(id));
+  if (found == objects_.end()) {
+    --strangers_;
+  } else if (--found->second == 0) {
+    objects_.erase(found);
   }
 }
 
@@ -80,7 +151,8 @@ void PointQueue::Erase(Place place) {
 
 void PointQueue::Remove(const std::vector<PointId>& ids) {
   for (const PointId id : ids) {
-    if (ids_.erase(id) == 0) continue;
+    if (!ids_.contains(id)) continue;
+    Forget(id);
     waiting_.push_back({{PointOp::Kind::kRemove, frame_, {id}}, {}, 0});
     ++at_frame_;
     // A point from before this frame has no seed here: a later seed does not replace its removal.
@@ -90,7 +162,7 @@ void PointQueue::Remove(const std::vector<PointId>& ids) {
 
 void PointQueue::CheckPositions(ImageSize size, Violations& violations) const {
   for (const Waiting& waiting : waiting_) {
-    if (waiting.op.kind != PointOp::Kind::kSeed) continue;
+    if (waiting.op.kind != PointOp::Kind::kSeed || waiting.list.empty()) continue;
     CheckPosition(waiting.list, waiting.index, waiting.op.query, size, violations);
   }
 }

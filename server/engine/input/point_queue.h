@@ -28,18 +28,24 @@ struct PointOp {
 // The changes of one session's points that have not been taken yet. Changes belong to the newest frame. A seed replaces
 // what waits of its id at its frame: the seed before it, whose track would have ended where it began, and the removal
 // of that. Other changes that a client might pile up at one frame are refused above a bound, so that no stream makes
-// the queue longer than that bound for each frame that waits. Not thread-safe.
+// the queue longer than that bound for each frame that waits. Points of objects are seeded before it is known where: no
+// seed may be taken before its object was placed. Not thread-safe.
 class PointQueue {
  public:
   explicit PointQueue(int max_points);
 
-  // Goes on behind another queue: these ids are tracked, and serial numbers begin here. REQUIRES: the queue is new.
-  void Resume(absl::flat_hash_set<PointId> ids, uint64_t next_serial);
+  // Goes on behind another queue: these ids are tracked, those of objects among them if there are any, and serial
+  // numbers begin here. REQUIRES: the queue is new.
+  void Resume(absl::flat_hash_set<PointId> ids, bool objects, uint64_t next_serial);
   uint64_t next_serial() const { return serial_; }
 
   // Whether seeds at 'frame', the newest or the one to come, are within the limits: RESOURCE_EXHAUSTED says which one
   // they exceed, 'list' the field.
   absl::Status CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points, int64_t frame) const;
+  // As CheckSeeds, for the points of objects, which come beside 'points'; INVALID_ARGUMENT where an object's id, or
+  // that of one of its points, is in use.
+  absl::Status CheckObjects(absl::string_view list, const std::vector<ObjectQuery>& objects,
+                            const std::vector<PointQuery>& points, int64_t frame) const;
   absl::Status CheckRemovals(absl::string_view list, const std::vector<PointId>& ids) const;
 
   // Changes belong to 'frame' from now on. They belong to frame 0 from the beginning.
@@ -47,6 +53,10 @@ class PointQueue {
   int64_t frame() const { return frame_; }
   // REQUIRES: the check has passed. 'list' outlives the queue.
   void Seed(absl::string_view list, const std::vector<PointQuery>& points);
+  // REQUIRES: the check has passed, CheckObjects of object_input.h too.
+  void SeedObject(const ObjectQuery& object);
+  // Where the first points of an object are that was seeded at 'frame'; the others are not seeded after all.
+  void PlaceObject(ObjectId object, int64_t frame, const std::vector<PointQuery>& points);
   // Ids without a point are ignored.
   void Remove(const std::vector<PointId>& ids);
 
@@ -71,10 +81,14 @@ class PointQueue {
     Place removal;  // of that seed; the list's end: none
   };
 
+  // So many of 'points' have ids that are not in use.
+  int64_t CountFresh(const std::vector<PointQuery>& points) const;
   absl::Status CheckRoom(absl::string_view list, int64_t more, int64_t frame) const;
   // The number of seeds that the removed ones stood for.
   int64_t ForgetReplaced(PointId id);
   void Erase(Place place);
+  // The id is not in use any more.
+  void Forget(PointId id);
   void ForgetPlaces();
 
   const int64_t max_points_;
@@ -82,9 +96,11 @@ class PointQueue {
   std::list<Waiting> waiting_;
   uint64_t serial_ = 0;  // of the next seed
   int64_t frame_ = 0;
-  int64_t at_frame_ = 0;                         // how many of waiting_ belong to frame_
-  absl::flat_hash_map<PointId, Newest> newest_;  // ids whose last seed waits and belongs to frame_
-  absl::flat_hash_set<PointId> ids_;             // tracked once every change has taken effect
+  int64_t at_frame_ = 0;                            // how many of waiting_ belong to frame_
+  absl::flat_hash_map<PointId, Newest> newest_;     // ids whose last seed waits and belongs to frame_, but of objects
+  absl::flat_hash_set<PointId> ids_;                // tracked once every change has taken effect
+  absl::flat_hash_map<ObjectId, int64_t> objects_;  // how many of ids_ each has
+  int64_t strangers_ = 0;                           // how many of ids_ look like an object's and are not
 };
 
 }  // namespace holdfast

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "api/errors.h"
+#include "server/engine/input/object_input.h"
 #include "server/engine/input/point_check.h"
 
 namespace holdfast {
@@ -91,7 +92,7 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   SessionAccepted accepted;
   accepted.limits = options.limits;
   if (config.max_points > 0) accepted.limits.max_points = std::min(config.max_points, options.limits.max_points);
-  const int64_t count = static_cast<int64_t>(config.points.size());
+  const int64_t count = static_cast<int64_t>(config.points.size()) + PointsOf(config.objects);
   if (absl::Status status = CheckPointCount(count, accepted.limits.max_points); !status.ok()) return status;
   accepted.processing_size = config.processing_size.empty() ? options.processing_size : config.processing_size;
   accepted.window_frames = model.window_frames;
@@ -114,6 +115,7 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   std::optional<ImageSize> frame;
   if (IsRaw(config.encoding) && config.raw_size.width > 0 && config.raw_size.height > 0) frame = config.raw_size;
   violations.Append(CheckPoints("config.points", config.points, frame));
+  violations.Append(CheckObjects("config.objects", config.objects, frame));
   if (!violations.empty()) return violations.ToStatus();
   return accepted;
 }

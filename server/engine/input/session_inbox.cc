@@ -5,15 +5,17 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/engine/input/object_input.h"
 #include "server/engine/input/point_check.h"
 
 namespace holdfast {
 namespace {
 
 constexpr absl::string_view kFramePoints = "frame.points";
+constexpr absl::string_view kFrameObjects = "frame.objects";
 
 absl::Status BadFrame(int64_t index, const absl::Status& why) {
-  if (!absl::IsInvalidArgument(why)) return why;
+  if (!absl::IsInvalidArgument(why) || !FieldViolations(why).empty()) return why;
   return InvalidFieldError("frame.data", absl::StrCat("frame ", index, ": ", why.message()));
 }
 
@@ -23,14 +25,17 @@ SessionInbox::SessionInbox(const Options& options) : options_(options), points_(
   if (IsRaw(options.format.encoding)) frame_size_ = options.format.raw_size;
   if (!options.resumed) return;
   frame_size_ = options.resumed->frame_size;
-  points_.Resume(options.resumed->ids, options.resumed->next_serial);
+  points_.Resume(options.resumed->ids, options.resumed->objects, options.resumed->next_serial);
 }
 
 absl::StatusOr<Room> SessionInbox::Push(Frame frame, SteadyTime now) {
   const absl::StatusOr<ImageSize> size = FrameSize(frame.bytes, options_.format);
   const absl::Status count = CheckPointCount(static_cast<int64_t>(frame.points.size()), options_.limits.max_points);
   Violations violations;
-  if (size.ok() && count.ok()) violations = CheckPoints(kFramePoints, frame.points, *size);
+  if (size.ok() && count.ok()) {
+    violations = CheckPoints(kFramePoints, frame.points, *size);
+    violations.Append(CheckObjects(kFrameObjects, frame.objects, *size));
+  }
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
   if (absl::Status status = CheckIndexLocked(frame.index); !status.ok()) return status;
@@ -43,15 +48,19 @@ absl::StatusOr<Room> SessionInbox::Push(Frame frame, SteadyTime now) {
   if (!count.ok()) return count;
   if (IsRepeatedLocked(frame.index)) {
     frame.points.clear();
+    frame.objects.clear();
     violations = Violations();
   }
-  if (!frame_size_) points_.CheckPositions(*size, violations);  // those that came before the first frame
+  if (!any_received_) CheckFirstLocked(*size, violations);
   if (!violations.empty()) return violations.ToStatus();
-  if (absl::Status status = points_.CheckSeeds(kFramePoints, frame.points, frame.index); !status.ok()) return status;
+  absl::Status seeds = points_.CheckSeeds(kFramePoints, frame.points, frame.index);
+  seeds.Update(points_.CheckObjects(kFrameObjects, frame.objects, frame.points, frame.index));
+  if (!seeds.ok()) return seeds;
   frame_size_ = *size;
   points_.StartFrame(frame.index);
   points_.Seed(kFramePoints, frame.points);
-  pending_.push_back({frame.index, now, std::move(frame.bytes), std::nullopt});
+  std::vector<WaitingObject> objects = SeedObjectsLocked(std::move(frame.objects));
+  pending_.push_back({frame.index, now, std::move(frame.bytes), std::move(objects), std::nullopt});
   received_ = frame.index + 1;
   any_received_ = true;
   told_full_ = FullLocked();
@@ -118,6 +127,37 @@ absl::Status SessionInbox::AddPoints(absl::string_view list, const std::vector<P
   return absl::OkStatus();
 }
 
+absl::Status SessionInbox::AddObjects(absl::string_view list, std::vector<ObjectQuery> objects) {
+  const auto size = SizeIfOpen();
+  if (!size.ok()) return size.status();
+  const Violations violations = CheckObjects(list, objects, *size);
+  if (!violations.empty()) return violations.ToStatus();
+  absl::MutexLock lock(&mutex_);
+  if (absl::Status status = points_.CheckObjects(list, objects, {}, points_.frame()); !status.ok()) return status;
+  for (ObjectQuery& object : objects) {
+    points_.SeedObject(object);
+    first_objects_.push_back({std::move(object), absl::StrCat(list, "[", first_objects_.size(), "]")});
+  }
+  return absl::OkStatus();
+}
+
+void SessionInbox::CheckFirstLocked(ImageSize size, Violations& violations) const {
+  if (frame_size_) return;  // it was known, and they were held against it
+  points_.CheckPositions(size, violations);
+  for (const WaitingObject& object : first_objects_) {
+    violations.Append(CheckObject(object.field, object.query, size));
+  }
+}
+
+std::vector<WaitingObject> SessionInbox::SeedObjectsLocked(std::vector<ObjectQuery> objects) {
+  std::vector<WaitingObject> waiting = std::exchange(first_objects_, {});
+  for (size_t i = 0; i < objects.size(); ++i) {
+    points_.SeedObject(objects[i]);
+    waiting.push_back({std::move(objects[i]), absl::StrCat(kFrameObjects, "[", i, "]")});
+  }
+  return waiting;
+}
+
 absl::Status SessionInbox::RemovePoints(const std::vector<PointId>& ids) {
   absl::MutexLock lock(&mutex_);
   if (absl::Status status = CheckOpenLocked(); !status.ok()) return status;
@@ -163,6 +203,18 @@ std::optional<std::string> SessionInbox::TakeBytes(int64_t index) {
   Pending* frame = FindLocked(index);
   if (frame == nullptr) return std::nullopt;
   return std::move(frame->bytes);
+}
+
+std::vector<WaitingObject> SessionInbox::TakeObjects(int64_t index) {
+  absl::MutexLock lock(&mutex_);
+  Pending* frame = FindLocked(index);
+  if (frame == nullptr) return {};
+  return std::exchange(frame->objects, {});
+}
+
+void SessionInbox::PlaceObject(ObjectId object, int64_t index, const std::vector<PointQuery>& points) {
+  absl::MutexLock lock(&mutex_);
+  points_.PlaceObject(object, index, points);
 }
 
 bool SessionInbox::SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, SteadyTime now) {

@@ -30,6 +30,12 @@ struct DecodedFrame {
   RgbImage image;  // at the processing size
 };
 
+// An object that waits for its frame, and where it stands in its message.
+struct WaitingObject {
+  ObjectQuery query;
+  std::string field;  // "config.objects[0]"
+};
+
 // What a stream has sent and the engine has not taken yet: bounded, checked, in order. Callers push, the decode pool
 // fills frames in, the compute thread takes them. Points are counted before anything else is done with them, and looked
 // at outside the lock that the compute thread takes. Thread-safe.
@@ -46,6 +52,7 @@ class SessionInbox {
       int64_t taken = 0;
       ImageSize frame_size;
       absl::flat_hash_set<PointId> ids;  // of the points that are tracked
+      bool objects = false;              // there are objects, whose points are among them
       uint64_t next_serial = 0;
     };
     std::optional<Resumed> resumed;
@@ -57,6 +64,8 @@ class SessionInbox {
   absl::StatusOr<Room> Push(Frame frame, SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
   // 'list' names the field in errors and outlives the inbox. Queried at the newest frame, or at the first.
   absl::Status AddPoints(absl::string_view list, const std::vector<PointQuery>& points) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Queried at the first frame. Before it comes.
+  absl::Status AddObjects(absl::string_view list, std::vector<ObjectQuery> objects) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status RemovePoints(const std::vector<PointId>& ids) ABSL_LOCKS_EXCLUDED(mutex_);
   // No more input; the session ends with 'status' when it has worked off what is here. Only the first call counts.
   void End(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
@@ -71,6 +80,10 @@ class SessionInbox {
   // --- The decode pool.
   // Empty: the frame has been dropped.
   std::optional<std::string> TakeBytes(int64_t index) ABSL_LOCKS_EXCLUDED(mutex_);
+  // The objects that are queried at the frame; the second call has none.
+  std::vector<WaitingObject> TakeObjects(int64_t index) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Where an object's points are, at the frame it was queried at.
+  void PlaceObject(ObjectId object, int64_t index, const std::vector<PointQuery>& points) ABSL_LOCKS_EXCLUDED(mutex_);
   // An error ends the session before this frame, whatever had ended it after. False: the frame has been dropped.
   bool SetDecoded(int64_t index, absl::StatusOr<RgbImage> image, SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -102,6 +115,7 @@ class SessionInbox {
     int64_t index = 0;
     SteadyTime arrival;
     std::string bytes;
+    std::vector<WaitingObject> objects;
     std::optional<DecodedFrame> decoded;
   };
   // Whether the resumed session knew already what the stream says now.
@@ -112,6 +126,10 @@ class SessionInbox {
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // What AddPoints needs to look at points without the lock.
   absl::StatusOr<std::optional<ImageSize>> SizeIfOpen() const ABSL_LOCKS_EXCLUDED(mutex_);
+  // What is wrong with what came before the first frame, once its size is known.
+  void CheckFirstLocked(ImageSize size, Violations& violations) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Of a frame that was taken.
+  std::vector<WaitingObject> SeedObjectsLocked(std::vector<ObjectQuery> objects) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void DropFromLocked(int64_t index) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Pending* FindLocked(int64_t index) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t ReadyLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -121,6 +139,7 @@ class SessionInbox {
   mutable absl::Mutex mutex_;
   std::deque<Pending> pending_ ABSL_GUARDED_BY(mutex_);  // consecutive frames
   PointQueue points_ ABSL_GUARDED_BY(mutex_);
+  std::vector<WaitingObject> first_objects_ ABSL_GUARDED_BY(mutex_);  // of the first frame, until it comes
   std::optional<ImageSize> frame_size_ ABSL_GUARDED_BY(mutex_);
   int64_t received_ ABSL_GUARDED_BY(mutex_) = 0;  // the index of the frame to come
   bool any_received_ ABSL_GUARDED_BY(mutex_) = false;

@@ -122,7 +122,7 @@ std::vector<PointRun> TrackSet::TakeEnded() {
   std::vector<std::unique_ptr<PointTrack>> kept;
   for (auto& track : tracks_) {
     if (ended(track)) {
-      dropped_.push_back(track->serial());
+      dropped_.push_back({track->serial(), track->id(), track->seed().frame});
     } else {
       kept.push_back(std::move(track));
     }

@@ -74,8 +74,13 @@ class TrackSet {
   std::vector<PointRun> FinishAll();
   // Drops everything as it stands; the number of tracks there were.
   int64_t Clear();
-  // Serial numbers of the tracks dropped since the last call.
-  std::vector<uint64_t> TakeDropped() { return std::exchange(dropped_, {}); }
+  struct Dropped {
+    uint64_t serial = 0;
+    PointId id = 0;
+    int64_t frame = 0;  // it was queried at
+  };
+  // The tracks that ended since the last call.
+  std::vector<Dropped> TakeDropped() { return std::exchange(dropped_, {}); }
   // Forgets the frames that no window to come needs.
   void Evict();
 
@@ -97,7 +102,7 @@ class TrackSet {
   FeatureCache cache_;
   std::vector<std::unique_ptr<PointTrack>> tracks_;  // in the order they were seeded
   absl::flat_hash_map<PointId, PointTrack*> live_;   // the tracks that have not been ended
-  std::vector<uint64_t> dropped_;                    // serial numbers
+  std::vector<Dropped> dropped_;
 };
 
 }  // namespace holdfast

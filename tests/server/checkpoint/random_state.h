@@ -17,6 +17,7 @@ struct RandomStateOptions {
   int tracks = 3;
   int channels = 128;
   bool patches = false;
+  int objects = 0;
 };
 
 // Numbers as videos and networks have them: templates are spread normally, points move a little from frame to frame,
@@ -40,6 +41,7 @@ class RandomState {
     state.next_serial = options.tracks + Below(100);
     state.summary = {state.next_frame, options.tracks + 7, 123456789012};
     for (int i = 0; i < options.tracks; ++i) state.tracks.push_back(Track(i, options));
+    for (int i = 0; i < options.objects; ++i) state.objects.push_back(Object(static_cast<ObjectId>(i)));
     return state;
   }
 
@@ -61,6 +63,32 @@ class RandomState {
     if (Below(4) != 0) state.previous = Position{Uniform(0, 64), Uniform(0, 48)};
     if (options.patches) track.patch = Patch();
     return track;
+  }
+
+  Pixel Place() { return {Uniform(0, 1919), Uniform(0, 1079)}; }
+
+  ObjectState Object(ObjectId id) {
+    ObjectState state;
+    state.id = id;
+    state.query_frame = 900 + Below(50);
+    state.next = state.query_frame + Below(50);
+    state.shape.centre = Place();
+    state.shape.size = Uniform(5, 500);
+    for (int i = Below(32); i > 0; --i) state.shape.outline.push_back(Place());
+    state.judgement.motion = {Uniform(0.5F, 2), Uniform(-1, 1), Uniform(-9, 9), 1.0 / 3};
+    for (uint32_t i = 0; i < 6; ++i) state.members.push_back(Member(ObjectPointId(id, i), state.next));
+    for (int i = 0; i < 6; ++i) state.judgement.standings.push_back({Below(2) == 0, Below(4)});
+    return state;
+  }
+
+  ObjectMember Member(PointId id, int64_t next) {
+    ObjectMember member;
+    member.id = id;
+    member.home = Place();
+    if (Below(3) == 0) member.end = next + Below(9);
+    for (int i = Below(5); i > 0; --i) member.samples.push_back({Place(), Below(2) == 0});
+    member.final_before = next + static_cast<int64_t>(member.samples.size());
+    return member;
   }
 
   void AddEstimates(TrackState& state) {
@@ -112,6 +140,7 @@ class StateBits {
              state.summary.frames, state.summary.points, state.summary.final_samples, state.tracks.size());
     bits.bits_ += state.weights_sha256;
     for (const SessionState::Track& track : state.tracks) bits.AddTrack(track);
+    for (const ObjectState& object : state.objects) bits.AddObject(object);
     return bits.bits_;
   }
 
@@ -133,6 +162,18 @@ class StateBits {
     if (s.previous) Add(*s.previous);
     if (track.patch) Add(track.patch->at, track.patch->code.size());
     if (track.patch) bits_.append(track.patch->code);
+  }
+
+  void AddObject(const ObjectState& o) {
+    const Similarity& motion = o.judgement.motion;
+    Add(o.id, o.query_frame, o.next, o.shape.centre, o.shape.size, o.shape.outline.size(), motion.a, motion.b,
+        motion.tx, motion.ty, o.members.size(), o.judgement.standings.size());
+    for (const Pixel& corner : o.shape.outline) Add(corner);
+    for (const ObjectJudgement::Standing& standing : o.judgement.standings) Add(standing.left, standing.contrary);
+    for (const ObjectMember& member : o.members) {
+      Add(member.id, member.home, member.end, member.final_before, member.samples.size());
+      for (const ObjectMember::Sample& sample : member.samples) Add(sample.at, sample.visible);
+    }
   }
 
   std::string bits_;

@@ -165,5 +165,33 @@ TEST(StateConvertTest, EstimatesThatCannotBeAreRefused) {
   });
 }
 
+TEST(StateConvertTest, ObjectsSurvive) {
+  RandomState random(8);
+  for (int round = 0; round < 20; ++round) ExpectSurvives(random.Session({2, 8, false, 1 + round % 3}));
+}
+
+TEST(StateConvertTest, ObjectsThatCannotBeAreRefused) {
+  const v1::SessionState good = ToProto(RandomState(9).Session({1, 8, false, 2}));
+  ASSERT_THAT(FromProto(good), IsOk());
+  const std::vector<Spoiled> cases = {
+      {"object 1: its id", [](auto& m) { m.mutable_objects(1)->set_id(1U << 31); }},
+      {"its frames", [](auto& m) { m.mutable_objects(0)->set_next(-1); }},
+      {"its frames", [](auto& m) { m.mutable_objects(0)->set_next(std::numeric_limits<int64_t>::max()); }},
+      {"not finite", [](auto& m) { m.mutable_objects(0)->mutable_centre()->set_x(kNan); }},
+      {"not finite", [](auto& m) { m.mutable_objects(0)->set_motion_b(kInfinity); }},
+      {"number of values", [](auto& m) { m.mutable_objects(0)->add_outline_x(1); }},
+      {"no points", [](auto& m) { m.mutable_objects(0)->clear_members(); }},
+      {"is none", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_point_id(5); }},
+      {"equally many", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->add_sample_x(5); }},
+      {"out of range", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_end(-5); }},
+      {"contrary", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_contrary(~0U); }},
+  };
+  for (const Spoiled& spoiled : cases) {
+    v1::SessionState message = good;
+    spoiled.spoil(message);
+    EXPECT_THAT(FromProto(message), StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr(spoiled.says)));
+  }
+}
+
 }  // namespace
 }  // namespace holdfast

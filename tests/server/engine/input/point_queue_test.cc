@@ -166,5 +166,67 @@ TEST(PointQueueTest, DropsWhatBelongsToFramesThatWillNotCome) {
   EXPECT_THAT(Take(queue, 9), IsEmpty());
 }
 
+ObjectQuery Three(ObjectId id) { return {id, "png", {}, 3}; }
+std::vector<PointQuery> Placed(ObjectId id, int count) {
+  std::vector<PointQuery> points;
+  for (int i = 0; i < count; ++i) points.push_back({ObjectPointId(id, static_cast<uint32_t>(i)), 10.0f + i, 0});
+  return points;
+}
+
+TEST(PointQueueTest, PointsOfAnObjectAreSeededWhereItIsPlaced) {
+  PointQueue queue(kPoints);
+  queue.Seed("list", {{1, 5}});
+  ASSERT_THAT(queue.CheckObjects("objects", {Three(2)}, {}, 0), IsOk());
+  queue.SeedObject(Three(2));
+  queue.PlaceObject(2, 0, Placed(2, 2));
+  const std::vector<PointOp> ops = queue.Take(0);
+  ASSERT_EQ(ops.size(), 3U);
+  EXPECT_EQ(ops[1].query.id, ObjectPointId(2, 0));
+  EXPECT_EQ(ops[1].query.x, 10);
+  EXPECT_EQ(ops[2].query.x, 11);
+  EXPECT_NE(ops[1].serial, ops[2].serial);
+  EXPECT_EQ(queue.size(), 0);
+  EXPECT_THAT(Seed(queue, {{5, 1}}), IsOk()) << "three points are tracked, not four";
+}
+
+TEST(PointQueueTest, AnObjectIdIsFreeWhenItsPointsAre) {
+  PointQueue queue(kPoints);
+  queue.SeedObject(Three(2));
+  queue.PlaceObject(2, 0, Placed(2, 3));
+  const auto status = queue.CheckObjects("objects", {Three(2)}, {}, 1);
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted));
+  ASSERT_THAT(Remove(queue, {ObjectPointId(2, 0), ObjectPointId(2, 1)}), IsOk());
+  EXPECT_THAT(queue.CheckObjects("objects", {Three(2)}, {}, 1), StatusIs(absl::StatusCode::kInvalidArgument));
+  ASSERT_THAT(Remove(queue, {ObjectPointId(2, 2)}), IsOk());
+  queue.StartFrame(1);
+  ASSERT_THAT(queue.CheckObjects("objects", {Three(2)}, {}, 1), IsOk());
+  queue.SeedObject(Three(2));
+  queue.PlaceObject(2, 1, Placed(2, 3));
+  EXPECT_EQ(queue.Take(1).size(), 9U) << "frame 0: 3 seeds and 3 removals; frame 1: 3 seeds";
+}
+
+TEST(PointQueueTest, ObjectsAndPointsCountTogether) {
+  PointQueue queue(kPoints);
+  EXPECT_THAT(queue.CheckObjects("objects", {Three(2)}, {{1, 1}}, 0), IsOk());
+  EXPECT_THAT(queue.CheckObjects("objects", {Three(2)}, {{1, 1}, {2, 1}}, 0),
+              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("at most 4")));
+}
+
+TEST(PointQueueTest, IdsOfObjectsPointsAreTheirsAloneOnceThereAreObjects) {
+  PointQueue free(kPoints), taken(kPoints), resumed(kPoints);
+  const PointId id = ObjectPointId(9, 0);
+  EXPECT_THAT(Seed(free, {{id, 1}}), IsOk()) << "without objects any id will do";
+  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {}, 0), StatusIs(absl::StatusCode::kInvalidArgument));
+  ASSERT_THAT(Remove(free, {id}), IsOk());
+  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {}, 0), IsOk());
+  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {{id, 1}}, 0), StatusIs(absl::StatusCode::kInvalidArgument));
+  taken.SeedObject(Three(2));
+  EXPECT_THAT(Seed(taken, {{id, 1}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("list[0].id")));
+  resumed.Resume({ObjectPointId(2, 1), 4}, /*objects=*/true, 10);
+  EXPECT_THAT(Seed(resumed, {{id, 1}}), StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(resumed.CheckObjects("objects", {{2, "png", {}, 1}}, {}, 0),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("2 is in use")));
+}
+
 }  // namespace
 }  // namespace holdfast
