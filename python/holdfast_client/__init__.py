@@ -7,6 +7,7 @@
         tracks = client.track(frames, points)  # uint8 [H, W, 3] or JPEG bytes; [N, 2]
     tracks.xy  # float32 [N, T, 2]
 """
+from ._objects import ObjectRun, ObjectTrack
 from ._picture import Picture
 from ._session import Run, Update
 from .client import Client, Reconnect, Tls
@@ -14,5 +15,6 @@ from .errors import (HoldfastError, InvalidRequest, NotAllowed, NotResumable, Ov
 from .session import Session
 from .tracks import Tracks
 
-__all__ = ["Client", "HoldfastError", "InvalidRequest", "NotAllowed", "NotResumable", "Overloaded", "Picture",
-           "Reconnect", "Run", "Session", "Tls", "Tracks", "Unavailable", "Update", "Violation"]
+__all__ = ["Client", "HoldfastError", "InvalidRequest", "NotAllowed", "NotResumable", "ObjectRun", "ObjectTrack",
+           "Overloaded", "Picture", "Reconnect", "Run", "Session", "Tls", "Tracks", "Unavailable", "Update",
+           "Violation"]

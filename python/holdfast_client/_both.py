@@ -29,12 +29,18 @@ class Backward:
         for frame in range(self._last, -1, -1):
             yield self._frames[frame]
 
+    @staticmethod
+    def without_objects(options: dict[str, Any]) -> dict[str, Any]:
+        """An object is queried at the first frame of the video, which has no frames before it."""
+        return {name: value for name, value in options.items() if name not in ("objects", "object_points")}
+
     def merge(self, after: Tracks, before: Tracks) -> Tracks:
         """`before`, which is of this video, where it speaks of frames before a point's query; otherwise `after`."""
-        merged = Tracks(after.ids, after.xy.copy(), after.visible.copy(), after.confidence.copy(), after.final.copy())
+        merged = Tracks(after.ids, after.xy.copy(), after.visible.copy(), after.confidence.copy(), after.final.copy(),
+                        after.objects)
         rows = {int(point): row for row, point in enumerate(before.ids)}
         for row, point in enumerate(after.ids):
-            queried = self._queried[int(point)]
+            queried = self._queried.get(int(point), 0)  # an object's is of the first frame
             if queried == 0:
                 continue
             reversed_frames = self._last - np.arange(queried)

@@ -11,6 +11,7 @@ from datetime import datetime, timezone
 
 import numpy as np
 
+from ._objects import ObjectRun, to_run
 from ._proto import point_tracking_pb2 as pb
 from ._table import TrackTable
 
@@ -37,6 +38,7 @@ class Update:
     frames_received: int
     frames_processed: int
     capture_times: Mapping[int, datetime]  # by frame, in UTC: of those that the runs speak of and push() gave one
+    objects: tuple[ObjectRun, ...] = ()
 
 
 def _cut(run: pb.PointRun, known: int) -> None:
@@ -44,6 +46,13 @@ def _cut(run: pb.PointRun, known: int) -> None:
     drop = min(max(known - run.first_frame, 0), len(run.x))
     for name in ("x", "y", "visible", "confidence"):
         del getattr(run, name)[:drop]
+    run.first_frame += drop
+    run.final_count = max(run.final_count - drop, 0)
+
+
+def _cut_object(run: pb.ObjectRun, known: int) -> None:
+    drop = min(max(known - run.first_frame, 0), len(run.samples))
+    del run.samples[:drop]
     run.first_frame += drop
     run.final_count = max(run.final_count - drop, 0)
 
@@ -65,6 +74,8 @@ class SessionState:
         self._bytes = 0
         self._final: dict[int, int] = {}  # of each point, the frames before this one are final
         self._repeated: dict[int, int] = {}  # as of the last resume: what is before comes again
+        self._final_objects: dict[int, int] = {}
+        self._repeated_objects: dict[int, int] = {}
         self._processed = 0
 
     # --- What is sent.
@@ -113,6 +124,7 @@ class SessionState:
             self._settle(accepted)
         self.accepted = accepted
         self._repeated = dict(self._final)
+        self._repeated_objects = dict(self._final_objects)
         self._sent = 0
         frames = (message.frame.index for message in self._messages if message.HasField("frame"))
         first = next(frames, None)
@@ -149,7 +161,21 @@ class SessionState:
                             np.array(run.visible, bool), np.array(run.confidence, np.float32), run.final_count))
         self._processed = max(self._processed, tracks.frames_processed)
         times = {time.frame: time.capture_time.ToDatetime(timezone.utc) for time in tracks.capture_times}
-        return Update(tuple(runs), tracks.frames_received, self._processed, times)
+        objects = self._take_objects(tracks)
+        return Update(tuple(runs), tracks.frames_received, self._processed, times, objects)
+
+    def _take_objects(self, tracks: pb.Tracks) -> tuple[ObjectRun, ...]:
+        runs = []
+        for run in tracks.objects:
+            _cut_object(run, self._repeated_objects.get(run.id, 0))
+            if len(run.samples) == 0:
+                continue
+            if run.final_count > 0:
+                end = run.first_frame + run.final_count
+                self._final_objects[run.id] = max(self._final_objects.get(run.id, 0), end)
+            runs.append(to_run(run))
+            self.table.add_object(runs[-1])
+        return tuple(runs)
 
     def _take_checkpoint(self, checkpoint: pb.Checkpoint) -> None:
         if not self.keeps:
@@ -162,6 +188,7 @@ class SessionState:
         assert self.accepted is not None
         oldest = checkpoint.next_frame - self.accepted.window_frames
         self._final = {point: end for point, end in self._final.items() if end >= oldest}
+        self._final_objects = {key: end for key, end in self._final_objects.items() if end >= oldest}
         self.token, self.resumable = checkpoint.token, checkpoint.resumable
 
     def _drop_before(self, frame: int) -> bool:

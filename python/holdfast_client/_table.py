@@ -2,10 +2,12 @@
 """What has come of a session's points so far."""
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ._objects import ObjectRun, ObjectTrack
 from ._proto import point_tracking_pb2 as pb
 from .tracks import Tracks
 
@@ -35,6 +37,7 @@ class TrackTable:
 
     def __init__(self) -> None:
         self._rows: dict[int, _Row] = {}
+        self._objects: dict[int, ObjectTrack] = {}
         self._frames = 0
 
     def add(self, run: pb.PointRun) -> None:
@@ -49,6 +52,9 @@ class TrackTable:
         row.final[first:first + run.final_count] = True
         self._frames = max(self._frames, first + count)
 
+    def add_object(self, run: ObjectRun) -> None:
+        self._objects.setdefault(run.id, ObjectTrack()).add(run)
+
     def tracks(self, frames: int = 0) -> Tracks:
         """All of it, over at least so many frames."""
         frames, ids = max(frames, self._frames), sorted(self._rows)
@@ -61,4 +67,10 @@ class TrackTable:
         return Tracks(np.array(ids, np.uint64), stack("xy", np.zeros((0, frames, 2), np.float32)),
                       stack("visible", np.zeros((0, frames), bool)),
                       stack("confidence", np.zeros((0, frames), np.float32)),
-                      stack("final", np.zeros((0, frames), bool)))
+                      stack("final", np.zeros((0, frames), bool)), self._copies(frames))
+
+    def _copies(self, frames: int) -> dict[int, ObjectTrack]:
+        copies = copy.deepcopy(self._objects)
+        for track in copies.values():
+            track.grow(frames)
+        return copies

@@ -18,6 +18,7 @@ from ._base import BaseClient, BaseSession
 from ._both import Backward
 from ._channel import Tls
 from ._frames import Frame, Points
+from ._objects import Objects
 from ._plan import Attempt, CallFailed, Reconnect, broken, judge, late
 from ._proto import point_tracking_pb2 as pb
 from ._queries import Queried, Queries
@@ -32,8 +33,9 @@ class Session(BaseSession):
     updates; a session that is left by an exception, a task's cancellation among them, is cancelled, otherwise finished.
     """
 
-    def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str) -> None:
-        super().__init__(client, config, encoding)
+    def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str,
+                 object_points: int) -> None:
+        super().__init__(client, config, encoding, object_points)
         self._changed = asyncio.Event()  # another one after each change
         self._call: Any = None  # the one that messages are for
         self._runner: asyncio.Task[None] | None = None
@@ -51,12 +53,15 @@ class Session(BaseSession):
             await self.cancel()
             raise
 
-    async def push(self, frame: Frame, points: Points = (), capture_time: datetime | None = None) -> None:
-        """Sends the next frame, and points that are queried at it. Waits while the server is behind. Raises what ended
-        the session. Unlike the blocking client's it returns no updates: they are for the task that iterates."""
+    async def push(self, frame: Frame, points: Points = (), capture_time: datetime | None = None,
+                   objects: Objects | None = None) -> None:
+        """Sends the next frame, and points and objects that are queried at it. Waits while the server is behind. Raises
+        what ended the session. Unlike the blocking client's it returns no updates: they are for the task that
+        iterates."""
         if self._codec is None:
             self._settle(frame)
-        message = await asyncio.to_thread(self._frame_message, frame, points, capture_time)  # encoding takes its time
+        # Encoding takes its time.
+        message = await asyncio.to_thread(self._frame_message, frame, points, capture_time, objects or {})
         if self._runner is None:
             self._runner = asyncio.create_task(self._run())
         await self._send(message)
@@ -249,7 +254,7 @@ class Client(BaseClient[Session]):
         tracks = await self._track(frames, queries, options)
         if backward is None or queries.last == 0:
             return tracks
-        return backward.merge(tracks, await self._track(backward, backward.queries, options))
+        return backward.merge(tracks, await self._track(backward, backward.queries, backward.without_objects(options)))
 
     async def _track(self, frames: Union[Iterable[Frame], AsyncIterable[Frame]], queries: Queries,
                      options: dict[str, Any]) -> Tracks:

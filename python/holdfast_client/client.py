@@ -51,7 +51,8 @@ class Client(BaseClient[Session]):
 
     def track(self, frames: Iterable[Frame], points: Queried, *, both: bool = False, **options: Any) -> Tracks:
         """Tracks points through a whole video: `points` as {id: (x, y)} or [N, 2] of the first frame, or with the frame
-        of each as {id: (frame, x, y)} or [N, 3]. `options` as of session(). Frames are read as they are sent.
+        of each as {id: (frame, x, y)} or [N, 3]. `options` as of session(), `objects` among them. Frames are read as
+        they are sent.
 
         `both`: also before each point's query, by a second session, over the frames up to the last query in reverse
         order. For that `frames` has to be a sequence, whose first frames are indexed again after the last one was sent.
@@ -62,7 +63,7 @@ class Client(BaseClient[Session]):
         tracks = self._track(frames, queries, options)
         if backward is None or queries.last == 0:
             return tracks
-        return backward.merge(tracks, self._track(backward, backward.queries, options))
+        return backward.merge(tracks, self._track(backward, backward.queries, backward.without_objects(options)))
 
     def _track(self, frames: Iterable[Frame], queries: Queries, options: dict[str, Any]) -> Tracks:
         count = 0

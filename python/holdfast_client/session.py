@@ -11,6 +11,7 @@ import grpc
 
 from ._base import BaseClient, BaseSession
 from ._frames import Frame, Points
+from ._objects import Objects
 from ._plan import Attempt, CallFailed, broken, judge, late
 from ._proto import point_tracking_pb2 as pb
 from ._session import Update
@@ -21,8 +22,9 @@ class Session(BaseSession):
     """One video, frame by frame. It opens with its first frame. One thread at a time may push; a session that is left
     by an exception is cancelled, otherwise finished."""
 
-    def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str) -> None:
-        super().__init__(client, config, encoding)
+    def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str,
+                 object_points: int) -> None:
+        super().__init__(client, config, encoding, object_points)
         self._changed = threading.Condition()
         # Guarded by _changed, as is what the base class has but the frames' encoding and count.
         self._call: Any = None
@@ -38,12 +40,13 @@ class Session(BaseSession):
         else:
             self.cancel()
 
-    def push(self, frame: Frame, points: Points = (), capture_time: datetime | None = None) -> list[Update]:
-        """Sends the next frame, and points that are queried at it. Waits while the server is behind. Returns what has
-        come since the last call; raises what ended the session."""
+    def push(self, frame: Frame, points: Points = (), capture_time: datetime | None = None,
+             objects: Objects | None = None) -> list[Update]:
+        """Sends the next frame, and points and objects that are queried at it. Waits while the server is behind.
+        Returns what has come since the last call; raises what ended the session."""
         if self._codec is None:
             self._settle(frame)
-        message = self._frame_message(frame, points, capture_time)
+        message = self._frame_message(frame, points, capture_time, objects or {})
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="holdfast-session", daemon=True)
             self._thread.start()

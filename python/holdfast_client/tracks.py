@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ._export import Path, write_cvat_xml, write_dlc_csv
 from ._frames import Frame
+from ._objects import ObjectTrack, object_of
 from ._picture import Picture, draw
 
 
@@ -23,6 +24,7 @@ class Tracks:
     confidence  float32 [N, T], 0 .. 1: with calibrated weights the probability that the point is visible and less than
                 8 pixels of a frame of 256x256 from here; 0 where nothing is known
     final       bool [N, T]; True: this will never be revised
+    objects     ObjectTrack by object id; its points are among the others, by ids that object_points() tells
     """
 
     ids: np.ndarray
@@ -30,6 +32,7 @@ class Tracks:
     visible: np.ndarray
     confidence: np.ndarray
     final: np.ndarray
+    objects: Mapping[int, ObjectTrack] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -46,8 +49,12 @@ class Tracks:
             raise KeyError(f"there is no point {point}")
         return self.xy[rows[0]]
 
+    def object_points(self, key: int) -> np.ndarray:
+        """uint64: ids of the points that the server placed on an object."""
+        return np.array([point for point in self.ids if object_of(int(point)) == key], np.uint64)
+
     def to_npz(self, path: Path) -> None:
-        """Writes all of it, under the names above, for numpy.load."""
+        """Writes all of it but the objects, under the names above, for numpy.load."""
         np.savez_compressed(path, ids=self.ids, xy=self.xy, visible=self.visible, confidence=self.confidence,
                             final=self.final)
 

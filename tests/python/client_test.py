@@ -95,6 +95,51 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         self.assertEqual(resumed, [second.address])
         self.assert_same(tracks, self.uninterrupted())
 
+    def test_an_object_is_followed_as_a_group(self):
+        mask = np.zeros((support.HEIGHT, support.WIDTH), bool)
+        mask[30:70, 20:60] = True
+        polygon = [(80, 20), (110, 20), (110, 50), (80, 50)]
+        with self.client().session(POINTS, objects={5: mask}, object_points=12, encoding="raw") as session:
+            updates = []
+            for i, frame in enumerate(PICTURES):
+                updates += session.push(frame, objects={9: polygon} if i == 4 else {})
+            tracks = session.finish()
+            updates += session.updates()
+        np.testing.assert_allclose(tracks.xy[:3], self.uninterrupted().xy, atol=1e-3)
+        self.assertEqual(list(tracks.object_points(5)), [(1 << 63) + (5 << 32) + i for i in range(12)])
+        self.assertEqual(sorted(tracks.objects), [5, 9])
+        track, later = tracks.objects[5], tracks.objects[9]
+        np.testing.assert_allclose(track.centre[0], [39.5, 49.5], atol=1e-3)
+        np.testing.assert_allclose(track.centre[20], [59.5, 49.5], atol=1.5)
+        self.assertEqual(track.outline[0].shape, (4, 2))
+        self.assertTrue(track.final.all())
+        self.assertTrue(np.isnan(later.centre[:4]).all())
+        self.assertIsNone(later.outline[3])
+        np.testing.assert_allclose(later.centre[4], [95, 35], atol=1e-3)
+        self.assertEqual({run.id for update in updates for run in update.objects}, {5, 9})
+
+    def test_a_killed_server_changes_nothing_about_objects(self):
+        polygon = {1: [(30, 30), (90, 30), (90, 70), (30, 70)]}
+        expected = self.client().track(PICTURES, [], objects=polygon, object_points=9, encoding="raw")
+        first, second = self.start_server(), self.start_server()
+        self.addCleanup(first.stop)
+        self.addCleanup(second.stop)
+        with self.client(first.address, second.address).session(objects=polygon, object_points=9,
+                                                                encoding="raw") as session:
+            for i, frame in enumerate(PICTURES):
+                session.push(frame)
+                if i == 36:
+                    first.kill()
+            tracks = session.finish()
+        self.assert_same(tracks, expected)
+        self.assertTrue(tracks.objects[1].final.all())
+        np.testing.assert_allclose(tracks.objects[1].centre, expected.objects[1].centre, atol=1e-3)
+        self.assertEqual(tracks.objects[1].left, expected.objects[1].left)
+
+    def test_a_shape_that_is_none_is_told_before_it_is_sent(self):
+        with self.assertRaisesRegex(ValueError, "object 3 is float64"):
+            self.client().session(objects={3: np.zeros((4, 4))})
+
     def test_without_reconnect_a_lost_server_ends_the_session_and_keeps_what_came(self):
         server = self.start_server()
         self.addCleanup(server.stop)

@@ -16,6 +16,7 @@ with Client("a:1,b:2", tls=Tls(ca="ca.pem"), token="t") as client:
     live: Session = client.session(np.zeros((3, 2)), size=(512, 384))
     for update in live.push(b""):
         runs: tuple[Run, ...] = update.runs
+    centre: np.ndarray = client.track([b""], [], objects={1: np.zeros((3, 4), bool)}).objects[1].centre
     window: int = client.info().window_frames
 
 async def main() -> Tracks:

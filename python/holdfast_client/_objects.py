@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Objects: what is asked for, and what has come of them so far."""
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Union
+
+import numpy as np
+
+from ._proto import point_tracking_pb2 as pb
+
+# A mask: bool or uint8 [H, W], not zero where the object is, or the bytes of such a PNG. Or the corners of a polygon.
+Shape = Union[bytes, np.ndarray, Sequence[Sequence[float]]]
+Objects = Mapping[int, Shape]
+
+_FIRST_POINT = 1 << 63
+
+
+def object_of(point: int) -> int | None:
+    """The object that a point's id belongs to; None: to none."""
+    return (point >> 32) & 0x7FFFFFFF if point >= _FIRST_POINT else None
+
+
+def _png(mask: np.ndarray) -> bytes:
+    """Of 8 bits a pixel, grey."""
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    height, width = mask.shape
+    rows = np.zeros((height, width + 1), np.uint8)  # each begins with its filter: none
+    rows[:, 1:] = np.where(mask != 0, 255, 0)
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+            + chunk(b"IDAT", zlib.compress(rows.tobytes())) + chunk(b"IEND", b""))
+
+
+def _to_object(key: int, shape: Shape, points: int) -> pb.Object:
+    if isinstance(shape, bytes):
+        return pb.Object(id=key, points=points, mask_png=shape)
+    array = np.asarray(shape)
+    if array.ndim == 2 and array.dtype in (np.bool_, np.uint8):
+        return pb.Object(id=key, points=points, mask_png=_png(array))
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"object {key} is {array.dtype} {list(array.shape)}, expected a mask, bool or uint8 [H, W], "
+                         "or the corners of a polygon, [N, 2]")
+    return pb.Object(id=key, points=points, polygon=pb.Polygon(x=array[:, 0], y=array[:, 1]))
+
+
+def to_objects(objects: Objects, points: int = 0) -> list[pb.Object]:
+    """`points`: on each, 0 leaves it to the server."""
+    return [_to_object(key, shape, points) for key, shape in objects.items()]
+
+
+@dataclass(frozen=True)
+class ObjectRun:
+    """One object on consecutive frames: element i belongs to frame first_frame + i. As ObjectTrack has them."""
+
+    id: int
+    first_frame: int
+    centre: np.ndarray  # float32 [n, 2]
+    scale: np.ndarray  # float32 [n]
+    rotation: np.ndarray  # float32 [n]
+    visible: np.ndarray  # float32 [n]
+    outline: tuple[np.ndarray, ...]  # n times float32 [corners, 2]
+    left: tuple[frozenset[int], ...]  # n times ids of points
+    final_count: int  # the first so many will never be revised
+
+
+@dataclass
+class ObjectTrack:
+    """An object over T frames. Positions are pixels of the video's own frames.
+
+    centre    float32 [T, 2]: where the centre of gravity of its mask has come to; NaN where nothing is known
+    scale     float32 [T]: since the frame it was queried at
+    rotation  float32 [T]: radians since then, from x towards y
+    visible   float32 [T], 0 .. 1: the share of the points that it still has which are visible
+    outline   for each frame float32 [corners, 2], convex; None where nothing is known
+    left      for each frame the ids of its points that do not move with it any more
+    final     bool [T]; True: this will never be revised
+    """
+
+    centre: np.ndarray = field(default_factory=lambda: np.full((0, 2), np.nan, np.float32))
+    scale: np.ndarray = field(default_factory=lambda: np.full(0, np.nan, np.float32))
+    rotation: np.ndarray = field(default_factory=lambda: np.full(0, np.nan, np.float32))
+    visible: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
+    outline: list[np.ndarray | None] = field(default_factory=list)
+    left: list[frozenset[int]] = field(default_factory=list)
+    final: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    def grow(self, frames: int) -> None:
+        """To at least so many frames."""
+        missing = frames - len(self.final)
+        if missing <= 0:
+            return
+        nothing = np.full(missing, np.nan, np.float32)
+        self.centre = np.concatenate([self.centre, np.full((missing, 2), np.nan, np.float32)])
+        self.scale, self.rotation = np.concatenate([self.scale, nothing]), np.concatenate([self.rotation, nothing])
+        self.visible = np.concatenate([self.visible, np.zeros(missing, np.float32)])
+        self.outline += [None] * missing
+        self.left += [frozenset()] * missing
+        self.final = np.concatenate([self.final, np.zeros(missing, bool)])
+
+    def add(self, run: ObjectRun) -> None:
+        self.grow(run.first_frame + len(run.scale))
+        span = slice(run.first_frame, run.first_frame + len(run.scale))
+        self.centre[span], self.scale[span], self.rotation[span] = run.centre, run.scale, run.rotation
+        self.visible[span] = run.visible
+        self.outline[span], self.left[span] = run.outline, run.left
+        self.final[run.first_frame:run.first_frame + run.final_count] = True
+
+
+def to_run(run: pb.ObjectRun) -> ObjectRun:
+    samples = run.samples
+
+    def floats(name: str) -> np.ndarray:
+        return np.array([getattr(sample, name) for sample in samples], np.float32)
+    outlines = (np.stack([sample.outline_x, sample.outline_y], axis=1) for sample in samples)
+    return ObjectRun(run.id, run.first_frame, np.stack([floats("x"), floats("y")], axis=1), floats("scale"),
+                     floats("rotation"), floats("visible"), tuple(outline.astype(np.float32) for outline in outlines),
+                     tuple(frozenset(sample.left) for sample in samples), run.final_count)
