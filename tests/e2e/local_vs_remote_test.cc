@@ -25,6 +25,9 @@ namespace {
 constexpr int kFrames = 40;
 constexpr ImageSize kSize{256, 192};
 constexpr PointId kRemoved = 3;
+constexpr ObjectId kObject = 9;
+constexpr int kObjectPoints = 8;
+constexpr int64_t kObjectFrame = 2;
 
 class NullServerEvents final : public ServerEvents {
  public:
@@ -70,10 +73,18 @@ class Collector final : public TrackObserver {
         final_[{run.id, run.first_frame + i}] = {run.x[i], run.y[i], run.confidence[i], run.visible[i] != 0};
       }
     }
+    for (const ObjectRun& run : update.objects) Take(run);
   }
   void OnDone(const absl::Status&, const SessionSummary& summary) override { summary_ = summary; }
 
+  // What is final of kObject.
+  void Take(const ObjectRun& run) {
+    EXPECT_EQ(run.id, kObject);
+    for (int64_t i = 0; i < run.final_count; ++i) objects_[run.first_frame + i] = run.samples[i];
+  }
+
   std::map<std::pair<PointId, int64_t>, Estimate> final_;
+  std::map<int64_t, ObjectSample> objects_;
   int64_t samples_ = 0;  // provisional ones too
   SessionSummary summary_;
 };
@@ -92,6 +103,9 @@ absl::Status TrackClip(PointTracker& tracker, const std::vector<std::string>& cl
     Frame frame;
     frame.index = i;
     frame.bytes = clip[i];
+    if (i == kObjectFrame) {
+      frame.objects = {{kObject, "", {{76, 60}, {100, 60}, {100, 100}, {76, 100}}, kObjectPoints}};
+    }
     if (i == 5) frame.points = {{4, 120, 120}};
     absl::Status status = (*stream)->PushFrame(std::move(frame));
     if (status.ok() && i == 10) status = (*stream)->AddPoints({{5, 30, 60}, {6, 140, 100}});
@@ -104,6 +118,19 @@ absl::Status TrackClip(PointTracker& tracker, const std::vector<std::string>& cl
 int64_t SamplesOf(const Collector& collector, PointId id) {
   return std::count_if(collector.final_.begin(), collector.final_.end(),
                        [id](const auto& entry) { return entry.first.first == id; });
+}
+
+void ExpectSameObjects(const Collector& a, const Collector& b) {
+  ASSERT_EQ(a.objects_.size(), static_cast<size_t>(kFrames - kObjectFrame));
+  ASSERT_EQ(b.objects_.size(), a.objects_.size());
+  for (const auto& [frame, here] : a.objects_) {
+    const ObjectSample& there = b.objects_.at(frame);
+    EXPECT_NEAR(here.centre.x, there.centre.x, 1e-2f) << frame;
+    EXPECT_NEAR(here.centre.y, there.centre.y, 1e-2f) << frame;
+    EXPECT_EQ(here.visible, there.visible) << frame;
+    EXPECT_EQ(here.outline.size(), there.outline.size()) << frame;
+    EXPECT_EQ(here.left, there.left) << frame;
+  }
 }
 
 TEST(LocalVsRemoteTest, BothGiveTheSameTracks) {
@@ -149,7 +176,8 @@ TEST(LocalVsRemoteTest, BothGiveTheSameTracks) {
   EXPECT_LE(largest, 1e-3f);
   RecordProperty("largest_difference_px", absl::StrCat(largest));
   EXPECT_EQ(over_the_wire.summary_.frames, kFrames);
-  EXPECT_EQ(over_the_wire.summary_.points, 6);
+  EXPECT_EQ(over_the_wire.summary_.points, 6 + kObjectPoints);
+  ExpectSameObjects(in_process, over_the_wire);
 
   Collector every_frame;
   ASSERT_THAT(TrackClip(**remote, clip, every_frame, Emit::kEveryFrame), IsOk());
@@ -160,6 +188,7 @@ TEST(LocalVsRemoteTest, BothGiveTheSameTracks) {
     EXPECT_NEAR(found->second.x, there.x, 1e-3f);
     EXPECT_NEAR(found->second.y, there.y, 1e-3f);
   }
+  ExpectSameObjects(every_frame, over_the_wire);
   EXPECT_GT(every_frame.samples_, over_the_wire.samples_) << "instant estimates came besides";
 
   const auto info = (*remote)->Info();

@@ -30,6 +30,7 @@ namespace {
 
 constexpr int64_t kFrames = 64;
 constexpr PointId kIds[] = {1, 2, 3, 4};
+constexpr ObjectId kObject = 6;
 constexpr float kTolerance = 1e-3f;  // pixels
 
 const std::string& PictureAt(int64_t index) {
@@ -90,6 +91,7 @@ class ResumeTest : public ::testing::Test {
     config.encoding = FrameEncoding::kGray8;
     config.raw_size = config.processing_size = kPicture;
     config.points = {{1, 40.5f, 50.25f}, {2, 80, 30}, {3, 60, 40}};
+    config.objects = {{kObject, "", {{30, 30}, {90, 30}, {90, 70}, {30, 70}}, 9}};
     auto stream = tracker.Open(config, observer);
     ASSERT_THAT(stream, IsOk());
     for (int64_t index = 0; index < kFrames; ++index) {
@@ -113,6 +115,17 @@ class ResumeTest : public ::testing::Test {
     return *whole;
   }
 
+  static void ExpectSameObject(const FinalObject& object, const FinalObject& expected) {
+    ASSERT_EQ(object.size(), static_cast<size_t>(kFrames));
+    ASSERT_EQ(expected.size(), object.size());
+    for (const auto& [frame, sample] : expected) {
+      const ObjectSample& found = object.at(frame);
+      EXPECT_NEAR(found.centre.x, sample.centre.x, 10 * kTolerance) << frame;
+      EXPECT_NEAR(found.centre.y, sample.centre.y, 10 * kTolerance) << frame;
+      EXPECT_EQ(found.left, sample.left) << frame;
+    }
+  }
+
   void ExpectUninterrupted(const RecordingObserver& observer, const char* name) {
     const RecordingObserver& whole = Uninterrupted();
     float largest = 0;
@@ -126,6 +139,7 @@ class ResumeTest : public ::testing::Test {
         EXPECT_EQ(found.visible, sample.visible) << "point " << id << ", frame " << frame;
       }
     }
+    ExpectSameObject(observer.FinalOfObject(kObject), whole.FinalOfObject(kObject));
     EXPECT_LE(largest, kTolerance);
     std::cout << name << ": largest difference " << largest << " px, resumed " << observer.resumed() << " times\n";
   }

@@ -86,6 +86,11 @@ def sessions(v1):
     plain = config(points=[one, two], motion_prior=False, polish=False, **raw)
     flow = config(points=[one, two], motion_prior=True, polish=True, checkpoint_interval_frames=2, **raw)
     timed = v1.Frame(index=0, data=bytes(64), points=[three])
+    drawn = v1.Object(id=4, points=5, polygon=v1.Polygon(x=[1, 6, 6, 1], y=[1, 1, 6, 6]))
+    masked = v1.Object(id=5, points=4, mask_png=picture("PNG", mode="L"))
+    objects = config(points=[one], objects=[drawn], checkpoint_interval_frames=2, polish=True, **raw)
+    with_mask = request(frame=v1.Frame(index=3, data=bytes(range(64)), objects=[masked]))
+    gone = request(remove_points=v1.RemovePoints(ids=[(1 << 63) + (4 << 32) + i for i in range(5)]))
     timed.capture_time.seconds = 1000
     return {
         "plain": b"\0" + plain + grey(0, 12),
@@ -94,6 +99,9 @@ def sessions(v1):
         "final_only": b"\2" + config(points=[one], final_only=True, hop_frames=5, iterations=2, **raw) + grey(0, 9),
         "points": (b"\0" + plain + request(frame=timed) + request(add_points=v1.AddPoints(points=[three, one]))
                    + grey(1, 4) + request(remove_points=v1.RemovePoints(ids=[1, 9])) + grey(4, 8)),
+        "objects": b"\0" + objects + grey(0, 3) + with_mask + grey(4, 8) + gone + grey(8, 12),
+        "objects_resumed": (b"\1" + objects + grey(0, 3) + with_mask + grey(4, 9) + piece(b"")
+                            + config(resume_token=b"0", **raw) + with_mask + grey(4, 14)),
         "jpeg": b"\0" + config(encoding=v1.FRAME_ENCODING_JPEG, points=[one], label="l",
                                processing_size=v1.ImageSize(width=64, height=32))
                 + request(frame=v1.Frame(index=0, data=picture("JPEG", quality=20))),
@@ -139,6 +147,14 @@ def tokens(pb):
     del empty.tracks[:]
     jpeg = token_state(pb, False)
     jpeg.encoding = 1
+    grouped = token_state(pb, True)
+    group = grouped.objects.add(id=3, query_frame=0, size=4, next=7, motion_a=1, outline_x=[0, 4, 4],
+                                outline_y=[0, 0, 4])
+    for index, track in enumerate(grouped.tracks):
+        track.point_id = (1 << 63) + (3 << 32) + index
+        member = group.members.add(point_id=track.point_id, final_before=8, sample_x=[2], sample_y=[3],
+                                   sample_visible=[True])
+        member.home.x, member.home.y = 2 + index, 3
     body = zlib.compress(b"content")
     return {
         "garbage": b"\0HFCP\x01\x03one" + struct.pack(">QII", 31536000, 7, len(body)) + body + bytes(32),
@@ -147,6 +163,8 @@ def tokens(pb):
         "polished": b"\1" + polished.SerializeToString(),
         "polished_suspended": b"\2" + polished.SerializeToString(),
         "ending": b"\1" + ending.SerializeToString(),
+        "objects": b"\1" + grouped.SerializeToString(),
+        "objects_suspended": b"\2" + grouped.SerializeToString(),
         "no_tracks": b"\1" + empty.SerializeToString(),
         "jpeg": b"\1" + jpeg.SerializeToString(),
     }
@@ -254,6 +272,8 @@ def answers(v1):
                       final_count=1)
     tracks = v1.Tracks(runs=[run], frames_received=3, frames_processed=3)
     tracks.capture_times.add(frame=1).capture_time.seconds = 5
+    seen = v1.ObjectSample(x=1, y=2, scale=1, visible=1, outline_x=[0, 4, 4], outline_y=[0, 0, 4], left=[1 << 63])
+    objects = v1.Tracks(runs=[run], objects=[v1.ObjectRun(id=3, first_frame=1, samples=[seen, seen], final_count=1)])
     checkpoint = answer(checkpoint=v1.Checkpoint(token=b"token", next_frame=4, resumable=True))
     warning = v1.TrackResponse()
     warning.warning.code, warning.warning.message = 8, "busy"
@@ -263,6 +283,7 @@ def answers(v1):
     summary = answer(summary=v1.SessionSummary(frames=3, points=1, final_samples=2))
     return {"session": answer(tracks=tracks) + checkpoint + summary,
             "resumed": answer(tracks=tracks) + checkpoint + accepted + answer(tracks=tracks) + summary,
+            "objects": answer(tracks=objects) + checkpoint + accepted + answer(tracks=objects) + summary,
             "warning": piece(warning.SerializeToString()) + violations + piece(going.SerializeToString()),
             "outgrown": answer(checkpoint=v1.Checkpoint()) + answer(tracks=tracks)}
 
