@@ -6,7 +6,7 @@
 
 #include "absl/time/time.h"
 #include "api/types.h"
-#include "server/run_queue.h"
+#include "server/streams/run_queue.h"
 
 namespace holdfast {
 
