@@ -108,6 +108,24 @@ test("a name that was given to a point is the one in files", async () => {
   expect(String(await visitor.save("DeepLabCut")).split("\n")[1]).toBe('bodyparts,"head, left","head, left","head, left"');
 });
 
+test("a server that wants a token says so, and takes the one that the user gives", async () => {
+  const token = "a-token-of-32-letters-and-digits-";
+  const guarded = new Server(token);
+  await guarded.start();
+  try {
+    visitor = await Visitor.at(browser, guarded.url);
+    await visitor.page.getByText("The server wants a token", { exact: true }).waitFor();
+    await visitor.page.getByLabel("Token", { exact: true }).fill(token);
+    await visitor.page.getByLabel("Token", { exact: true }).press("Enter");
+    await visitor.page.getByText("Serving", { exact: true }).waitFor();
+    await visitor.openClip();
+    await visitor.page.keyboard.press("Space");
+    await visitor.until("processed", 4);
+  } finally {
+    await guarded.stop();
+  }
+});
+
 test("it is usable by all, in both colours, and leaves the narrow screen's width alone", async () => {
   visitor = await Visitor.at(browser, server.url);
   const { page } = visitor;

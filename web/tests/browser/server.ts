@@ -19,7 +19,9 @@ export class Server {
   private readonly folder = scratch();
   private child: ChildProcess | null = null;
 
-  constructor() {
+  /** With a token it lets in nobody who does not show it. */
+  constructor(private readonly token = "") {
+    writeFileSync(join(this.folder, "tokens"), `visitor:${token}\n`, { mode: 0o600 });
     writeFileSync(join(this.folder, "keys"), `test:${randomBytes(32).toString("hex")}\n`, { mode: 0o600 });
   }
 
@@ -39,6 +41,7 @@ export class Server {
       `--checkpoint_keys=${join(this.folder, "keys")}`,
       `--port_file=${ports}`,
       "--log_level=warning",
+      ...(this.token ? [`--token_file=${join(this.folder, "tokens")}`] : []),
     ];
     const child = spawn(join(BIN, "holdfast-server"), flags, { stdio: ["ignore", "inherit", "inherit"] });
     this.child = child;
