@@ -33,6 +33,7 @@ export interface Observer {
   onLink(link: Link): void;
   onAccepted(accepted: SessionAccepted, resumed: boolean): void;
   onAnswer(answer: Answer): void;
+  onRoom(): void; // the network has caught up
 }
 
 const ANSWER_MS = 10_000; // for a server to accept the session
@@ -186,6 +187,7 @@ export class Connection {
     this.world.after(BUFFERED_POLL_MS, () => {
       this.polling = false;
       this.flush();
+      if (this.session.replay.unsent === 0) this.observer.onRoom();
     });
   }
 }

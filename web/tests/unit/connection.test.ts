@@ -12,10 +12,12 @@ class Client {
   readonly links: Link[] = [];
   readonly answers: Answer[] = [];
   resumed = 0;
+  rooms = 0;
   readonly connection = new Connection(this.session, this.world, {
     onLink: (link) => this.links.push(link),
     onAccepted: (_accepted: SessionAccepted, resumed) => (this.resumed += resumed ? 1 : 0),
     onAnswer: (answer) => this.answers.push(answer),
+    onRoom: () => ++this.rooms,
   });
 
   get link(): Link {
@@ -161,8 +163,10 @@ test("frames wait while the network is behind", () => {
   client.push(1);
   expect(client.world.socket.names).toEqual(["config"]);
   client.world.socket.bufferedAmount = 0;
+  expect(client.rooms).toBe(0);
   client.world.pass(20);
   expect(client.world.socket.names).toEqual(["config", "frame 0"]);
+  expect(client.rooms).toBe(1);
 });
 
 test("after it was stopped nothing is told or sent any more", () => {

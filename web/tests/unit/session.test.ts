@@ -26,7 +26,7 @@ function leaving(session: SessionState): string[] {
 function fill(session: SessionState): string[] {
   const names = [];
   while (session.wantsFrame) {
-    session.pushFrame(JPEG, []);
+    session.pushFrame(JPEG, session.frames === 0 ? [{ id: 1, x: 1, y: 1 }] : []);
     names.push(...leaving(session));
   }
   return names;
@@ -42,6 +42,19 @@ test("frames are hop + 4 ahead of those that were processed, never more", () => 
   expect(fill(session)).toHaveLength(12);
   session.take(tracks(3));
   expect(fill(session)).toEqual(["frame 12", "frame 13", "frame 14"]);
+});
+
+test("while nobody is followed no frame waits: the server does not say how far it is", () => {
+  const session = begun();
+  for (let t = 0; t < 40; ++t) session.pushFrame(JPEG, []);
+  expect(leaving(session)).toHaveLength(40);
+  expect(session.wantsFrame).toBe(true);
+  session.addPoints([{ id: 1, x: 1, y: 1 }]);
+  leaving(session);
+  expect(session.wantsFrame).toBe(false);
+  session.removePoints([1]);
+  leaving(session);
+  expect(session.wantsFrame).toBe(true);
 });
 
 test("points go with their frame, or on the newest one, in the order in which they were placed", () => {

@@ -75,6 +75,7 @@ test("a whole video goes to the server, with the points on their frame, and ends
 
 test("points that are placed while it runs begin on the newest frame sent", async () => {
   const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.add([{ x: 1, y: 1 }]);
   tracker.start();
   await accept(world);
   expect(tracker.shown.value).toBe(11);
@@ -87,6 +88,7 @@ test("points that are placed while it runs begin on the newest frame sent", asyn
 
 test("a pause sends nothing, and going on follows the newest frame", async () => {
   const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.add([{ x: 1, y: 1 }]);
   tracker.start();
   await accept(world);
   tracker.toggle();
@@ -134,7 +136,11 @@ test("a camera starts at once, and stopping it makes everything final", async ()
   const { tracker, world } = await loaded(source);
   await accept(world);
   expect(tracker.phase.value).toBe("running");
+  world.pass(200); // while nobody is followed its frames come slowly
+  await settled();
+  expect(world.socket.names.at(-1)).toBe("frame 1");
   tracker.stop();
+  world.pass(200);
   await settled();
   expect(source.closed).toBe(true);
   expect(world.socket.names.at(-1)).toBe("finish");
@@ -168,6 +174,7 @@ test("after a loss the page says where the session goes on, and the run ends as 
 
 test("an error of the server ends the run, and says why", async () => {
   const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.add([{ x: 1, y: 1 }]);
   tracker.start();
   await accept(world);
   world.socket.say(response({ case: "error", value: { code: 8, message: "too many points", details: [] } }));
@@ -210,6 +217,7 @@ test("of two sources that are asked for, the later one stands", async () => {
 
 test("after it was stopped a file can be tracked to its end", async () => {
   const { tracker, world } = await loaded(new FakeSource(14));
+  tracker.add([{ x: 1, y: 1 }]);
   tracker.start();
   await accept(world);
   tracker.stop();
