@@ -44,7 +44,7 @@ export function listenToKeys(): void {
   addEventListener("keydown", (event) => {
     const target = event.target as HTMLElement;
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || target.closest(TYPING)) return;
-    if (document.querySelector("dialog[open]") && event.key !== "?") return;
+    if (page.helpOpen.value && event.key !== "?") return;
     if ((event.key === " " || event.key === "Enter") && target.closest("button, summary, a")) return;
     const name = event.shiftKey && event.key.length > 1 ? `Shift+${event.key}` : event.key;
     const key = KEYS.find(({ keys }) => keys.includes(name) || keys.includes(event.shiftKey ? `Shift+${name}` : name));

@@ -140,6 +140,7 @@ test("it is usable by all, in both colours, and leaves the narrow screen's width
   await page.keyboard.press("s");
   await visitor.done();
   for (const theme of ["light", "dark"]) {
+    expect(await page.locator("html").getAttribute("data-theme")).toBe(theme);
     for (const title of ["Settings", "Server"]) await page.getByRole("heading", { name: title }).click();
     expect(await violations()).toEqual([]);
     for (const title of ["Settings", "Server"]) await page.getByRole("heading", { name: title }).click();
@@ -151,6 +152,7 @@ test("it is usable by all, in both colours, and leaves the narrow screen's width
     if (theme === "light") await page.keyboard.press("d");
   }
   await page.keyboard.press("c");
+  await page.locator(".scale").waitFor();
   await shot("dark-confidence");
   await page.setViewportSize({ width: 390, height: 844 });
   await shot("narrow");
