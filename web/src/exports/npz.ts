@@ -17,7 +17,16 @@ export function npyFile(dtype: string, shape: readonly number[], data: ArrayBuff
   return file;
 }
 
-/** tracks [N, T, 2] in pixels, NaN where there is none; visible and confidence [N, T]; ids [N]; how far they go. */
+/** Texts of one length, that of the longest, as NumPy has them: code points of 32 bits. */
+function texts(values: readonly string[]): Uint8Array {
+  const points = values.map((text) => [...text].map((letter) => letter.codePointAt(0)!));
+  const longest = Math.max(1, ...points.map((text) => text.length));
+  const all = new Uint32Array(values.length * longest);
+  points.forEach((text, row) => all.set(text, row * longest));
+  return npyFile(`<U${longest}`, [values.length], all);
+}
+
+/** tracks [N, T, 2] in pixels, NaN where there is none; visible and confidence [N, T]; of each point and frame what it is. */
 export function toNpz(table: Table): Uint8Array {
   const [points, frames] = [table.tracks.length, table.frames];
   const xy = new Float32Array(points * frames * 2).fill(NaN);
@@ -37,6 +46,11 @@ export function toNpz(table: Table): Uint8Array {
     "visible.npy": npyFile("|b1", [points, frames], visible),
     "confidence.npy": npyFile("<f4", [points, frames], confidence),
     "ids.npy": npyFile("<i8", [points], integers(table.tracks.map((track) => track.id))),
+    "names.npy": texts(table.tracks.map((track) => track.name)),
+    "query_frames.npy": npyFile("<i8", [points], integers(table.tracks.map((track) => track.start))),
+    "frames.npy": npyFile("<i8", [frames], integers(Array.from({ length: frames }, (_, t) => t))),
+    "size.npy": npyFile("<i8", [2], integers([table.width, table.height])),
+    "fps.npy": npyFile("<f8", [], Float64Array.of(table.fps)),
     "complete.npy": npyFile("|b1", [], Uint8Array.of(table.complete ? 1 : 0)),
     "final_frames.npy": npyFile("<i8", [], integers([table.finalFrames])),
     "expected_frames.npy": npyFile("<i8", [], integers([table.expectedFrames])),

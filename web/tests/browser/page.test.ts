@@ -17,6 +17,8 @@ let visitor: Visitor;
 
 beforeAll(async () => {
   await server.start();
+  const served = await (await fetch(`${server.url}app.js`)).text();
+  if (served !== readFileSync(join(ROOT, "web/dist/app.js"), "utf8")) throw new Error("the server was built with another page");
   browser = await launch();
 });
 

@@ -84,7 +84,9 @@ test("clicked points have the tracks that the command line gives them, in each f
   const [mine, theirs] = [unzipSync(uninterrupted), unzipSync(wanted)];
   expect(Object.keys(mine)).toEqual(Object.keys(theirs));
   for (const name of Object.keys(mine)) {
-    expect(strFromU8(mine[name]!.slice(0, 128), true), name).toBe(strFromU8(theirs[name]!.slice(0, 128), true));
+    const estimates = /^(tracks|confidence|fps)/.test(name); // pictures have no rate
+    const told = (file: Uint8Array) => strFromU8(estimates ? file.slice(0, 128) : file, true);
+    expect(told(mine[name]!), name).toBe(told(theirs[name]!));
   }
 
   const [page, cli] = [JSON.parse(String(await visitor.save("JSON"))), JSON.parse(String(await commandLine(".json")))];

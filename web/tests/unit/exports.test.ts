@@ -65,11 +65,23 @@ test("an array's header is padded to 64 bytes, and a tuple of one has its comma"
 
 test("npz has what `holdfast track` writes, with NaN where nothing is known", () => {
   const files = unzipSync(toNpz(table()));
-  expect(Object.keys(files)).toEqual(["tracks", "visible", "confidence", "ids", "complete", "final_frames", "expected_frames"].map((name) => `${name}.npy`));
+  const names = ["tracks", "visible", "confidence", "ids", "names", "query_frames", "frames", "size", "fps", "complete"];
+  expect(Object.keys(files)).toEqual([...names, "final_frames", "expected_frames"].map((name) => `${name}.npy`));
   const data = files["tracks.npy"]!.slice(128);
   const xy = new Float32Array(data.buffer);
   expect([...xy.slice(6, 12)]).toEqual([NaN, NaN, 4, 6, 5, 7]);
   expect([...files["visible.npy"]!.slice(128)]).toEqual([1, 1, 1, 0, 1, 0]);
   expect([...new BigInt64Array(files["ids.npy"]!.slice(128).buffer)]).toEqual([7n, 9n]);
+  expect([...new BigInt64Array(files["query_frames.npy"]!.slice(128).buffer)]).toEqual([0n, 1n]);
+  expect([...new BigInt64Array(files["frames.npy"]!.slice(128).buffer)]).toEqual([0n, 1n, 2n]);
+  expect([...new Float64Array(files["fps.npy"]!.slice(128).buffer)]).toEqual([10]);
   expect([...new BigInt64Array(files["expected_frames.npy"]!.slice(128).buffer)]).toEqual([5n]);
+});
+
+test("names are texts of NumPy's, letters beyond 16 bits included", () => {
+  const named = table();
+  named.tracks[1]!.name = "\u{1f43e}é";
+  const file = unzipSync(toNpz({ ...named, tracks: [named.tracks[1]!] }))["names.npy"]!;
+  expect(new TextDecoder().decode(file.subarray(10, 128)).trimEnd()).toBe("{'descr': '<U2', 'fortran_order': False, 'shape': (1,), }");
+  expect([...new Uint32Array(file.slice(128).buffer)]).toEqual([0x1f43e, 0xe9]);
 });
