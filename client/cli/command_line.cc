@@ -41,9 +41,10 @@ ABSL_FLAG(std::string, points, "",
           "Tracks the points of this file: .csv with lines id,x,y[,frame], or .json with [{id, x, y, frame}]. "
           "load: a number, of points of each session; 64 by default.");
 ABSL_FLAG(int, grid, 0, "Tracks about this many points spread over the frame, or this many on --mask.");
-ABSL_FLAG(std::string, mask, "", "Spreads points over the nonzero pixels of this picture, which has the frame's size.");
+ABSL_FLAG(std::string, mask, "",
+          "Follows the object that the nonzero pixels of this picture cover, which has the frame's size.");
 ABSL_FLAG(int64_t, query_frame, -1,
-          "Starts the points of --grid and --mask at this frame. -1: at the first one that is tracked.");
+          "Starts the points of --grid and the object of --mask at this frame. -1: at the first one that is tracked.");
 ABSL_FLAG(
     std::string, out, "",
     "Writes the tracks to this file: .json, .csv, .npz, .dlc.csv (DeepLabCut), .xml (CVAT) or .3de.txt (3DEqualizer, "

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 namespace holdfast {
 namespace {
@@ -53,13 +54,44 @@ void PaintPoint(const TrackSample& sample, const cv::Scalar& color, cv::Mat& pic
   cv::circle(picture, center, FixedRadius(1.15f * unit), color, thickness, cv::LINE_AA, kSubpixelBits);
 }
 
+void PaintOutline(const ObjectSample& object, cv::Mat& picture) {
+  std::vector<cv::Point> corners;
+  for (const Pixel& corner : object.outline) {
+    TrackSample at;
+    at.x = std::clamp(corner.x, -kFarOutside, kFarOutside);
+    at.y = std::clamp(corner.y, -kFarOutside, kFarOutside);
+    corners.push_back(Fixed(at));
+  }
+  const int thickness = std::max(1, static_cast<int>(std::lround(0.8f * Unit(picture))));
+  const cv::Scalar dark(30, 30, 30), bright(255, 255, 255);
+  cv::polylines(picture, corners, true, dark, thickness + 2, cv::LINE_AA, kSubpixelBits);
+  cv::polylines(picture, corners, true, bright, thickness, cv::LINE_AA, kSubpixelBits);
+}
+
+bool HasLeft(const ObjectSample& object, PointId id) {
+  return std::binary_search(object.left.begin(), object.left.end(), id);
+}
+
+void CrossOut(const TrackSample& sample, cv::Mat& picture) {
+  const int arm = FixedRadius(2 * Unit(picture));
+  const int thickness = std::max(1, static_cast<int>(std::lround(0.5f * Unit(picture))));
+  const cv::Point at = Fixed(sample);
+  for (const cv::Point way : {cv::Point(arm, arm), cv::Point(arm, -arm)}) {
+    cv::line(picture, at - way, at + way, cv::Scalar(60, 60, 255), thickness, cv::LINE_AA, kSubpixelBits);
+  }
+}
+
 }  // namespace
 
 void OverlayPainter::Paint(const TrackTable& table, int64_t frame, cv::Mat& picture) const {
   if (trail_frames_ > 0) PaintTrails(table, frame, picture);
+  const ObjectSample* object = table.ObjectEstimate(frame);
+  if (object != nullptr) PaintOutline(*object, picture);
   for (size_t i = 0; i < table.tracks().size(); ++i) {
     const TrackSample* sample = TrackTable::Estimate(table.tracks()[i], frame);
-    if (Drawable(sample)) PaintPoint(*sample, ColorOf(i), picture);
+    if (!Drawable(sample)) continue;
+    PaintPoint(*sample, ColorOf(i), picture);
+    if (object != nullptr && HasLeft(*object, table.tracks()[i].start.query.id)) CrossOut(*sample, picture);
   }
 }
 

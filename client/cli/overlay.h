@@ -9,7 +9,8 @@
 namespace holdfast {
 
 // Draws the estimates on a frame: a disc for each visible point, a ring for each hidden one, and the way it came as a
-// trail that fades with age. Each point keeps one colour for life.
+// trail that fades with age. Each point keeps one colour for life. An object's outline, and a cross on its points that
+// have left it.
 class OverlayPainter {
  public:
   // 'trail_frames': length of a trail; 0: none.

@@ -8,12 +8,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "api/limits.h"
 
 namespace holdfast {
 namespace {
-
-constexpr int kDefaultMaskPoints = 64;
-constexpr size_t kMaxCandidates = 20000;  // pixels looked at for a mask's points; bounds the time
 
 // [H, W] uint8, 255 where any colour channel is not zero.
 absl::StatusOr<cv::Mat> ReadMask(const std::string& path, ImageSize size) {
@@ -35,32 +33,14 @@ absl::StatusOr<cv::Mat> ReadMask(const std::string& path, ImageSize size) {
   return mask;
 }
 
-struct Candidate {
-  cv::Point2f at;
-  float room;  // how far it is from the border and from the points chosen so far
-};
-
-// Every nonzero pixel, or an even choice of them. The picture's edge counts as the object's border.
-std::vector<Candidate> Candidates(const cv::Mat& mask) {
-  cv::Mat framed, depth;
-  cv::copyMakeBorder(mask, framed, 1, 1, 1, 1, cv::BORDER_CONSTANT, cv::Scalar(0));
-  cv::distanceTransform(framed, depth, cv::DIST_L2, cv::DIST_MASK_5);
-  std::vector<cv::Point> pixels;
-  cv::findNonZero(mask, pixels);
-  const size_t step = pixels.size() / kMaxCandidates + 1;
-  std::vector<Candidate> candidates;
-  for (size_t i = 0; i < pixels.size(); i += step) {
-    // Twice the depth: between two points as well as beside the border there is then as much room.
-    candidates.push_back({cv::Point2f(pixels[i]), 2 * depth.at<float>(pixels[i] + cv::Point(1, 1))});
-  }
-  return candidates;
+PointId LastId(const std::vector<StartPoint>& points) {
+  PointId last = 0;
+  for (const StartPoint& point : points) last = std::max(last, point.query.id);
+  return last;
 }
 
-absl::StatusOr<std::vector<cv::Point2f>> GeneratedPoints(const PointOptions& options, ImageSize size) {
-  if (options.mask.empty()) return GridPoints(options.grid, size);
-  const absl::StatusOr<cv::Mat> mask = ReadMask(options.mask, size);
-  if (!mask.ok()) return mask.status();
-  return MaskPoints(options.grid == 0 ? kDefaultMaskPoints : options.grid, *mask);
+int64_t StartFrame(const PointOptions& options, int64_t first_frame) {
+  return options.query_frame < 0 ? first_frame : options.query_frame;
 }
 
 }  // namespace
@@ -70,6 +50,9 @@ absl::Status PointOptions::Validate() const {
     return absl::InvalidArgumentError("no points to track: give --grid=100, --points=FILE or --mask=FILE");
   }
   if (grid < 0 || grid > 100000) return absl::InvalidArgumentError("--grid: expected 1..100000");
+  if (!mask.empty() && grid > kMaxObjectPoints) {
+    return absl::InvalidArgumentError(absl::StrCat("--grid: expected at most ", kMaxObjectPoints, " on a mask"));
+  }
   if (query_frame < -1) return absl::InvalidArgumentError("--query_frame: expected -1 or more");
   return absl::OkStatus();
 }
@@ -82,17 +65,30 @@ absl::StatusOr<std::vector<StartPoint>> CollectPoints(const PointOptions& option
     if (!read.ok()) return read.status();
     points = *std::move(read);
   }
-  if (options.grid == 0 && options.mask.empty()) return points;
-  const auto generated = GeneratedPoints(options, size);
-  if (!generated.ok()) return generated.status();
-  const int64_t frame = options.query_frame < 0 ? first_frame : options.query_frame;
-  PointId last_id = 0;
-  for (const StartPoint& point : points) last_id = std::max(last_id, point.query.id);
-  for (const cv::Point2f& at : *generated) {
+  if (options.grid == 0 || !options.mask.empty()) return points;
+  const int64_t frame = StartFrame(options, first_frame);
+  PointId last_id = LastId(points);
+  for (const cv::Point2f& at : GridPoints(options.grid, size)) {
     ++last_id;
     points.push_back({{last_id, at.x, at.y}, frame, absl::StrCat(last_id)});
   }
   return points;
+}
+
+absl::StatusOr<std::optional<StartObject>> CollectObject(const PointOptions& options, ImageSize size,
+                                                         const std::vector<StartPoint>& points, int64_t first_frame) {
+  if (options.mask.empty()) return std::nullopt;
+  const absl::StatusOr<cv::Mat> mask = ReadMask(options.mask, size);
+  if (!mask.ok()) return mask.status();
+  std::vector<uint8_t> png;
+  cv::imencode(".png", *mask, png);
+  StartObject object;
+  object.query.id = 1;
+  object.query.mask_png.assign(png.begin(), png.end());
+  object.query.points = options.grid;
+  object.frame = StartFrame(options, first_frame);
+  object.first_point = LastId(points) + 1;
+  return object;
 }
 
 std::vector<cv::Point2f> GridPoints(int count, ImageSize size) {
@@ -104,22 +100,6 @@ std::vector<cv::Point2f> GridPoints(int count, ImageSize size) {
     for (int column = 0; column < columns; ++column) {
       points.emplace_back((column + 0.5f) * static_cast<float>(size.width) / static_cast<float>(columns) - 0.5f,
                           (row + 0.5f) * static_cast<float>(size.height) / static_cast<float>(rows) - 0.5f);
-    }
-  }
-  return points;
-}
-
-std::vector<cv::Point2f> MaskPoints(int count, const cv::Mat& mask) {
-  std::vector<Candidate> candidates = Candidates(mask);
-  const auto less_room = [](const Candidate& a, const Candidate& b) { return a.room < b.room; };
-  std::vector<cv::Point2f> points;
-  while (static_cast<int>(points.size()) < count && !candidates.empty()) {
-    const Candidate best = *std::max_element(candidates.begin(), candidates.end(), less_room);
-    if (best.room <= 0) break;  // every pixel is taken
-    points.push_back(best.at);
-    for (Candidate& candidate : candidates) {
-      const cv::Point2f apart = candidate.at - best.at;
-      candidate.room = std::min(candidate.room, std::hypot(apart.x, apart.y));
     }
   }
   return points;

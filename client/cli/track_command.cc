@@ -85,9 +85,12 @@ absl::Status RunTrack(const TrackOptions& options, const TrackEnvironment& envir
   if (!source.ok()) return source.status();
   auto points = CollectPoints(options.points, (*source)->size(), options.start_frame);
   if (!points.ok()) return points.status();
+  auto object = CollectObject(options.points, (*source)->size(), *points, options.start_frame);
+  if (!object.ok()) return object.status();
   const auto tracker = environment.connect();
   if (!tracker.ok()) return tracker.status();
-  return TrackInput(options, environment, {*std::move(source), *std::move(points), view->get()}, **tracker);
+  return TrackInput(options, environment, {*std::move(source), *std::move(points), *std::move(object), view->get()},
+                    **tracker);
 }
 
 }  // namespace holdfast

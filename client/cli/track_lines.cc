@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/time/time.h"
 
 namespace holdfast {
@@ -15,6 +16,11 @@ const char* Word(bool value) { return value ? "true" : "false"; }
 
 // JSON knows no other numbers.
 std::string Number(float value) { return std::isfinite(value) ? absl::StrFormat("%.3f", value) : "null"; }
+
+std::string Captured(int64_t frame, const TrackTable& table) {
+  const auto time = table.CaptureTime(frame);
+  return time ? absl::StrCat(", \"capture_time\": \"", absl::FormatTime(*time, absl::UTCTimeZone()), "\"") : "";
+}
 
 }  // namespace
 
@@ -29,20 +35,33 @@ bool TrackLines::Write(const TrackUpdate& update, const TrackTable& table) {
   for (const PointRun& run : update.runs) {
     for (size_t i = 0; i < run.x.size(); ++i) out_ << Line(run, i, table);
   }
+  for (const ObjectRun& run : update.objects) {
+    for (size_t i = 0; i < run.samples.size(); ++i) out_ << Line(run, i, table);
+  }
   return static_cast<bool>(out_.flush());
 }
 
-std::string TrackLines::Line(const PointRun& run, size_t i, const TrackTable& table) const {
+std::string TrackLines::Line(const PointRun& run, size_t i, const TrackTable& table) {
   const int64_t frame = run.first_frame + static_cast<int64_t>(i);
-  const auto name = names_.find(run.id);
-  const auto time = table.CaptureTime(frame);
-  const std::string captured =
-      time ? absl::StrCat(", \"capture_time\": \"", absl::FormatTime(*time, absl::UTCTimeZone()), "\"") : "";
+  auto name = names_.find(run.id);
+  // A point of an object, of which one hears only now.
+  if (name == names_.end()) name = names_.emplace(run.id, absl::StrFormat("\"%d\"", run.id)).first;
   return absl::StrFormat(
       "{\"id\": %d, \"name\": %s, \"frame\": %d, \"x\": %s, \"y\": %s, \"visible\": %s, \"confidence\": %s, "
       "\"final\": %s%s}\n",
-      run.id, name == names_.end() ? "\"\"" : name->second, table.Number(frame), Number(run.x[i]), Number(run.y[i]),
-      Word(run.visible[i] != 0), Number(run.confidence[i]), Word(static_cast<int64_t>(i) < run.final_count), captured);
+      run.id, name->second, table.Number(frame), Number(run.x[i]), Number(run.y[i]), Word(run.visible[i] != 0),
+      Number(run.confidence[i]), Word(static_cast<int64_t>(i) < run.final_count), Captured(frame, table));
+}
+
+std::string TrackLines::Line(const ObjectRun& run, size_t i, const TrackTable& table) {
+  const int64_t frame = run.first_frame + static_cast<int64_t>(i);
+  const ObjectSample& sample = run.samples[i];
+  return absl::StrFormat(
+      "{\"object\": %d, \"frame\": %d, \"x\": %s, \"y\": %s, \"scale\": %s, \"rotation\": %s, \"visible\": %s, "
+      "\"left\": [%s], \"final\": %s%s}\n",
+      run.id, table.Number(frame), Number(sample.centre.x), Number(sample.centre.y), Number(sample.scale),
+      Number(sample.rotation), Number(sample.visible), absl::StrJoin(sample.left, ", "),
+      Word(static_cast<int64_t>(i) < run.final_count), Captured(frame, table));
 }
 
 bool TrackLines::End(const TrackExtent& extent) {

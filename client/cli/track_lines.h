@@ -14,8 +14,11 @@
 namespace holdfast {
 
 // Estimates as they come, a line of JSON each (NDJSON):
-//   {"id", "name", "frame", "x", "y", "visible", "confidence", "final"}, and "capture_time" where the table knows one
-// A later line about the same point and frame takes the place of an earlier one, until one is final. The last line is
+//   {"id", "name", "frame", "x", "y", "visible", "confidence", "final"}
+// and of an object, whose outline is in files alone:
+//   {"object", "frame", "x", "y", "scale", "rotation", "visible", "left", "final"}
+// each with "capture_time" where the table knows one. A later line about the same point or object and frame takes the
+// place of an earlier one, until one is final. The last line is
 //   {"complete", "frames", "final_frames", "expected_frames"}, as in TrackExtent.
 // Not thread-safe.
 class TrackLines {
@@ -28,7 +31,8 @@ class TrackLines {
   bool End(const TrackExtent& extent);
 
  private:
-  std::string Line(const PointRun& run, size_t i, const TrackTable& table) const;
+  std::string Line(const PointRun& run, size_t i, const TrackTable& table);
+  static std::string Line(const ObjectRun& run, size_t i, const TrackTable& table);
 
   absl::flat_hash_map<PointId, std::string> names_;  // as JSON
   std::ostream& out_;

@@ -32,10 +32,12 @@ namespace {
 // queue it would only become old.
 constexpr int64_t kLiveFramesInFlight = 8;
 
-FrameChoice Choice(const TrackOptions& options, const std::vector<StartPoint>& points) {
+// The input's frames that something starts on.
+std::set<int64_t> QueriedFrames(const TrackInputs& inputs) {
   std::set<int64_t> queried;
-  for (const StartPoint& point : points) queried.insert(point.frame);
-  return {options.start_frame, options.every, std::move(queried)};
+  for (const StartPoint& point : inputs.points) queried.insert(point.frame);
+  if (inputs.object) queried.insert(inputs.object->frame);
+  return queried;
 }
 
 int64_t TotalFrames(const TrackOptions& options, const FrameChoice& choice, const FrameSource& source) {
@@ -46,11 +48,9 @@ int64_t TotalFrames(const TrackOptions& options, const FrameChoice& choice, cons
 
 // Those on the way back count a second time.
 int64_t ProgressTotal(const TrackOptions& options, const FrameChoice& choice, int64_t total,
-                      const std::vector<StartPoint>& points) {
+                      const std::set<int64_t>& queried) {
   if (!options.both || total == 0) return total;
-  int64_t last = 0;
-  for (const StartPoint& point : points) last = std::max(last, point.frame);
-  return total + std::min(total, choice.CountOf(last) + 1);
+  return total + std::min(total, choice.CountOf(*queried.rbegin()) + 1);
 }
 
 // The overlay plays as long as what it was made of.
@@ -69,29 +69,34 @@ OverlayVideo::Options OverlayOptions(const TrackOptions& options) {
 // thread delivers estimates.
 class TrackRun final : public TrackObserver {
  public:
-  // 'view': null where nothing is shown; not owned.
-  TrackRun(const TrackOptions& options, const TrackEnvironment& environment, std::unique_ptr<FrameSource> source,
-           const std::vector<StartPoint>& points, PictureView* view)
+  TrackRun(const TrackOptions& options, const TrackEnvironment& environment, TrackInputs inputs)
       : options_(options),
         environment_(environment),
-        encoder_(source->size(), options.max_side, options.jpeg_quality),
-        facts_{source->size(), source->fps()},
-        choice_(Choice(options, points)),
-        total_frames_(TotalFrames(options, choice_, *source)),
-        drop_(options.live && source->live()),
-        reader_(std::move(source), {choice_, drop_}),
+        object_(inputs.object),
+        encoder_(inputs.source->size(), options.max_side, options.jpeg_quality),
+        facts_{inputs.source->size(), inputs.source->fps()},
+        queried_(QueriedFrames(inputs)),
+        choice_(options.start_frame, options.every, queried_),
+        total_frames_(TotalFrames(options, choice_, *inputs.source)),
+        drop_(options.live && inputs.source->live()),
+        reader_(std::move(inputs.source), {choice_, drop_}),
         overlay_(OverlayOptions(options), OverlayFacts(options, facts_),
-                 [view](const cv::Mat& picture) { view->Show(picture); }),
+                 [view = inputs.view](const cv::Mat& picture) { view->Show(picture); }),
         answers_([] { return SystemClock().SteadyNow(); }),
-        table_(points, options.both ? TrackTable::Direction::kBoth : TrackTable::Direction::kForward),
-        output_(options.out, points, environment.out),
-        progress_({environment.terminal, ProgressTotal(options, choice_, total_frames_, points),
+        table_(inputs.points, object_, options.both ? TrackTable::Direction::kBoth : TrackTable::Direction::kForward),
+        output_(options.out, inputs.points, environment.out),
+        progress_({environment.terminal, ProgressTotal(options, choice_, total_frames_, queried_),
                    [] { return SystemClock().SteadyNow(); }},
                   environment.log) {
-    for (const StartPoint& point : points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
+    for (const StartPoint& point : inputs.points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
   }
 
   absl::Status Run(PointTracker& tracker) {
+    if (object_) {
+      absl::StatusOr<ObjectQuery> sent = encoder_.ToSent(object_->query);
+      if (!sent.ok()) return sent.status();
+      sent_object_ = *std::move(sent);
+    }
     auto stream = tracker.Open(Config(), *this);
     if (!stream.ok()) return stream.status();
     absl::Status status = Track(**stream);
@@ -105,8 +110,16 @@ class TrackRun final : public TrackObserver {
     return status;
   }
 
+  void OnAccepted(const SessionAccepted& accepted) override {
+    if (!object_ || accepted.limits.max_objects > 0) return;
+    absl::MutexLock lock(&mutex_);
+    broken_ = absl::UnimplementedError("--mask: the server is too old, it knows no objects");
+  }
+
   void OnTracks(TrackUpdate update) override {
     for (PointRun& run : update.runs) encoder_.FromSent(run);
+    for (ObjectRun& run : update.objects) encoder_.FromSent(run);
+    if (object_) NameObjectPoints(update);
     absl::MutexLock lock(&mutex_);
     // The frame that is just being sent is not counted yet.
     if (broken_.ok() && update.frames_received > sent_ + 1) {
@@ -161,11 +174,14 @@ class TrackRun final : public TrackObserver {
     over_ = true;
   }
 
-  // What lies before the queries, after a session that ended well.
+  // What lies before the queries, after a session that ended well. An object's points have their places by then and are
+  // points as any other.
   absl::Status TrackBackward(PointTracker& tracker) {
     const std::vector<PastQuery> queries = PastQueries();
     if (queries.empty()) return absl::OkStatus();
     SessionConfig config = Config();
+    config.objects.clear();
+    if (options_.promise_fps > 0) config.expected_points = static_cast<int>(queries.size());
     config.label = "holdfast track --both";
     BackwardPass pass(config, queries, *spool_, *this, [this](const TrackUpdate& update) { return OnPast(update); });
     return pass.Run(tracker, environment_.stop);
@@ -199,13 +215,35 @@ class TrackRun final : public TrackObserver {
     config.send_provisional = true;  // kept where the session ends before they are final
     config.emit = options_.live ? Emit::kEveryFrame : Emit::kWindows;
     config.points = PointsOf(options_.start_frame);
+    config.objects = ObjectsOf(options_.start_frame);
     config.frames_per_second = options_.promise_fps;
     config.label = "holdfast track";
     if (options_.promise_fps > 0) {
       absl::MutexLock lock(&mutex_);
-      config.expected_points = static_cast<int>(table_.tracks().size());
+      config.expected_points = static_cast<int>(table_.tracks().size()) + ObjectPoints();
     }
     return config;
+  }
+
+  int ObjectPoints() const {
+    constexpr int kServersChoice = 64;
+    if (!object_) return 0;
+    return object_->query.points > 0 ? object_->query.points : kServersChoice;
+  }
+
+  std::vector<ObjectQuery> ObjectsOf(int64_t frame) const {
+    return object_ && object_->frame == frame ? std::vector<ObjectQuery>{sent_object_} : std::vector<ObjectQuery>();
+  }
+
+  // Outputs have small ids.
+  void NameObjectPoints(TrackUpdate& update) const {
+    const auto name = [this](PointId& id) {
+      if (IsObjectPoint(id)) id = object_->first_point + (id - ObjectPointId(ObjectOf(id), 0));
+    };
+    for (PointRun& run : update.runs) name(run.id);
+    for (ObjectRun& run : update.objects) {
+      for (ObjectSample& sample : run.samples) std::for_each(sample.left.begin(), sample.left.end(), name);
+    }
   }
 
   std::vector<PointQuery> PointsOf(int64_t frame) const {
@@ -234,9 +272,9 @@ class TrackRun final : public TrackObserver {
     mutex_.Await(absl::Condition(this, &TrackRun::MaySend));
   }
 
-  // Frames before the first point's have no answers to wait for.
+  // Frames before the first query's have no answers to wait for.
   bool MaySend() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const bool answers_come = sent_ > 0 && table_.Number(sent_ - 1) >= starts_.begin()->first;
+    const bool answers_come = sent_ > 0 && table_.Number(sent_ - 1) >= *queried_.begin();
     return over_ || !answers_come || sent_ - answers_.answered() < kLiveFramesInFlight;
   }
 
@@ -254,14 +292,17 @@ class TrackRun final : public TrackObserver {
     frame.index = index;
     frame.bytes = *std::move(bytes);
     frame.capture_time = input->capture_time;
-    if (index > 0) frame.points = PointsOf(input->number);  // those of the first frame are in the config
+    if (index > 0) {  // what starts on the first frame is in the config
+      frame.points = PointsOf(input->number);
+      frame.objects = ObjectsOf(input->number);
+    }
     absl::MutexLock lock(&mutex_);
     table_.AddFrame(input->number, input->capture_time);
     return frame;
   }
 
   absl::Status KeepForTheWayBack(int64_t number, const std::string& bytes) {
-    if (number > starts_.rbegin()->first) return absl::OkStatus();
+    if (number > *queried_.rbegin()) return absl::OkStatus();
     if (!spool_) {
       absl::StatusOr<FrameSpool> spool = FrameSpool::Create();
       if (!spool.ok()) return spool.status();
@@ -346,20 +387,26 @@ class TrackRun final : public TrackObserver {
     size_t late = 0;
     const int64_t end = sent_ == 0 ? 0 : table_.Number(sent_ - 1) + 1;
     for (auto it = starts_.lower_bound(end); it != starts_.end(); ++it) late += it->second.size();
+    if (object_ && object_->frame >= end) {
+      environment_.log << "warning: the object of --mask starts after the last frame and was not tracked\n";
+    }
     if (late == 0) return;
     environment_.log << "warning: " << late << " points start after the last frame and were not tracked\n";
   }
 
   const TrackOptions& options_;
   const TrackEnvironment& environment_;
+  const std::optional<StartObject> object_;
+  ObjectQuery sent_object_;  // as object_, for the sent pictures
   const FrameEncoder encoder_;
   const VideoFacts facts_;
+  const std::set<int64_t> queried_;  // the input's frames that points or the object start on; not empty
   const FrameChoice choice_;
   const int64_t total_frames_;  // as the input announces; 0: not known
   const bool drop_;             // frames of the input are left out when they come too fast
   FrameReader reader_;
   std::map<int64_t, std::vector<PointQuery>> starts_;  // by the input's frame, pixels of the sent frames
-  std::optional<FrameSpool> spool_;                    // as sent, up to the last frame of 'starts_'; of the main thread
+  std::optional<FrameSpool> spool_;                    // as sent, up to the last of 'queried_'; of the main thread
   OverlayVideo overlay_;                               // of the main thread
   AnswerTimes answers_;
   absl::Status input_error_;  // of the main thread
@@ -378,7 +425,7 @@ class TrackRun final : public TrackObserver {
 
 absl::Status TrackInput(const TrackOptions& options, const TrackEnvironment& environment, TrackInputs inputs,
                         PointTracker& tracker) {
-  return TrackRun(options, environment, std::move(inputs.source), inputs.points, inputs.view).Run(tracker);
+  return TrackRun(options, environment, std::move(inputs)).Run(tracker);
 }
 
 }  // namespace holdfast

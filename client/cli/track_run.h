@@ -2,12 +2,14 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "api/point_tracker.h"
 #include "client/cli/picture_window.h"
 #include "client/cli/point_file.h"
+#include "client/cli/point_source.h"
 #include "client/cli/track_command.h"
 #include "client/cli/video.h"
 
@@ -17,6 +19,7 @@ namespace holdfast {
 struct TrackInputs {
   std::unique_ptr<FrameSource> source;
   std::vector<StartPoint> points;
+  std::optional<StartObject> object;
   PictureView* view = nullptr;  // null where nothing is shown; not owned
 };
 

@@ -5,12 +5,18 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "api/limits.h"
 
 namespace holdfast {
 
-// Until a point's frame comes its query_frame lies behind all that came, as no frame of the input has a larger number
-// in the session than in the input.
-TrackTable::TrackTable(std::vector<StartPoint> points, Direction direction) : direction_(direction) {
+// Until the frame of a point or an object comes its query_frame lies behind all that came, as no frame of the input has
+// a larger number in the session than in the input.
+TrackTable::TrackTable(std::vector<StartPoint> points, std::optional<StartObject> object, Direction direction)
+    : direction_(direction) {
+  if (object) {
+    const int64_t query_frame = object->frame;
+    object_ = TableObject{*std::move(object), query_frame, {}, 0};
+  }
   for (StartPoint& point : points) {
     index_[point.query.id] = tracks_.size();
     const int64_t query_frame = point.frame;
@@ -21,6 +27,7 @@ TrackTable::TrackTable(std::vector<StartPoint> points, Direction direction) : di
 void TrackTable::AddFrame(int64_t number, std::optional<absl::Time> capture_time) {
   const auto frame = static_cast<int64_t>(input_frames_.size());
   input_frames_.push_back({number, capture_time});
+  if (object_ && object_->start.frame == number) object_->query_frame = frame;
   for (TableTrack& track : tracks_) {
     if (track.start.frame != number) continue;
     track.query_frame = frame;
@@ -42,6 +49,9 @@ absl::Status TrackTable::Apply(const TrackUpdate& update) {
   for (const PointRun& run : update.runs) {
     if (absl::Status applied = ApplyRun(run, /*backward=*/false); !applied.ok()) return applied;
   }
+  for (const ObjectRun& run : update.objects) {
+    if (absl::Status applied = ApplyRun(run); !applied.ok()) return applied;
+  }
   return absl::OkStatus();
 }
 
@@ -52,11 +62,51 @@ absl::Status TrackTable::ApplyBackward(const TrackUpdate& update) {
   return absl::OkStatus();
 }
 
+bool TrackTable::IsOfObject(const TableTrack& track) const {
+  return object_ && track.start.query.id >= object_->start.first_point;
+}
+
+const ObjectSample* TrackTable::ObjectEstimate(int64_t frame) const {
+  if (!object_) return nullptr;
+  const int64_t at = frame - object_->query_frame;
+  if (at < 0 || at >= static_cast<int64_t>(object_->samples.size()) || !object_->samples[at]) return nullptr;
+  return &*object_->samples[at];
+}
+
+std::optional<size_t> TrackTable::Find(const PointRun& run) {
+  if (const auto found = index_.find(run.id); found != index_.end()) return found->second;
+  if (!object_ || run.id < object_->start.first_point || run.first_frame != object_->query_frame) return std::nullopt;
+  if (run.id - object_->start.first_point >= kMaxObjectPoints) return std::nullopt;
+  const size_t at = tracks_.size();
+  index_[run.id] = at;
+  TableTrack& track = tracks_.emplace_back();
+  track.start = {{run.id, 0, 0}, object_->start.frame, absl::StrCat(run.id)};
+  track.query_frame = object_->query_frame;
+  track.first_frame = direction_ == Direction::kBoth ? 0 : track.query_frame;
+  return at;
+}
+
+absl::Status TrackTable::ApplyRun(const ObjectRun& run) {
+  const auto length = static_cast<int64_t>(run.samples.size());
+  const int64_t first = object_ ? run.first_frame - object_->query_frame : -1;
+  if (first < 0 || run.id != object_->start.query.id || run.first_frame > frames_ - length) {
+    return absl::InternalError(absl::StrCat("the tracker answered for object ", run.id, " on frames ", run.first_frame,
+                                            "..", run.first_frame + length - 1, ", where it is not"));
+  }
+  auto& samples = object_->samples;
+  samples.resize(std::max(samples.size(), static_cast<size_t>(first + length)));
+  for (int64_t i = 0; i < length; ++i) {
+    if (first + i >= object_->final_frames) samples[first + i] = run.samples[i];
+  }
+  if (run.final_count > 0) object_->final_frames = std::max(object_->final_frames, first + run.final_count);
+  return absl::OkStatus();
+}
+
 absl::Status TrackTable::ApplyRun(const PointRun& run, bool backward) {
-  const auto found = index_.find(run.id);
-  if (found == index_.end())
+  const std::optional<size_t> found = Find(run);
+  if (!found)
     return absl::InternalError(absl::StrCat("the tracker answered for point ", run.id, ", which was never sent"));
-  TableTrack& track = tracks_[found->second];
+  TableTrack& track = tracks_[*found];
   const int64_t begin = backward ? track.first_frame : track.query_frame;
   const int64_t end_of_life = backward ? std::min(frames_, track.query_frame) : frames_;
   const auto length = static_cast<int64_t>(run.x.size());
@@ -74,6 +124,9 @@ absl::Status TrackTable::ApplyRun(const PointRun& run, bool backward) {
     sample = {run.x[i], run.y[i], run.confidence[i], run.visible[i] != 0,
               is_final ? TrackSample::State::kFinal : TrackSample::State::kProvisional};
   }
+  if (const TrackSample* placed = Estimate(track, track.query_frame); placed != nullptr && IsOfObject(track)) {
+    track.start.query = {run.id, placed->x, placed->y};
+  }
   const auto end = static_cast<int64_t>(track.samples.size());
   while (track.final_frames < end && track.samples[track.final_frames].is_final()) ++track.final_frames;
   while (track.answered_frames < end && !track.samples[track.answered_frames].is_absent()) ++track.answered_frames;
@@ -83,6 +136,7 @@ absl::Status TrackTable::ApplyRun(const PointRun& run, bool backward) {
 int64_t TrackTable::final_frames() const {
   int64_t frames = frames_;
   for (const TableTrack& track : tracks_) frames = std::min(frames, track.first_frame + track.final_frames);
+  if (object_) frames = std::min(frames, object_->query_frame + object_->final_frames);
   return frames;
 }
 
@@ -99,6 +153,7 @@ int64_t TrackTable::estimated_frames() const {
 int64_t TrackTable::answered_frames() const {
   int64_t frames = frames_;
   for (const TableTrack& track : tracks_) frames = std::min(frames, track.first_frame + track.answered_frames);
+  if (object_ && object_->samples.empty()) frames = std::min(frames, object_->query_frame);
   return frames;
 }
 

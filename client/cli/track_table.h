@@ -11,6 +11,7 @@
 #include "absl/time/time.h"
 #include "api/types.h"
 #include "client/cli/point_file.h"
+#include "client/cli/point_source.h"
 
 namespace holdfast {
 
@@ -36,6 +37,14 @@ struct TableTrack {
   int64_t answered_frames = 0;  // the first so many samples are there
 };
 
+// An object's life: samples[i] belongs to frame query_frame + i.
+struct TableObject {
+  StartObject start;        // its frame is the input's
+  int64_t query_frame = 0;  // the session's frame that it starts on
+  std::vector<std::optional<ObjectSample>> samples;
+  int64_t final_frames = 0;  // the first so many samples are final
+};
+
 // Joins the runs of a session into one track per point. A provisional estimate never replaces a final one. Not
 // thread-safe.
 //
@@ -44,9 +53,11 @@ struct TableTrack {
 class TrackTable {
  public:
   enum class Direction { kForward, kBoth };
-  explicit TrackTable(std::vector<StartPoint> points, Direction direction = Direction::kForward);
+  // The points of 'object' join the others when they are first heard of. The object itself is tracked forwards alone.
+  explicit TrackTable(std::vector<StartPoint> points, std::optional<StartObject> object = std::nullopt,
+                      Direction direction = Direction::kForward);
 
-  // The session's next frame is this one of the input; points that start there start now.
+  // The session's next frame is this one of the input; what starts there starts now.
   // REQUIRES: numbers ascend.
   void AddFrame(int64_t number, std::optional<absl::Time> capture_time = {});
   int64_t input_frames() const { return static_cast<int64_t>(input_frames_.size()); }  // added
@@ -60,6 +71,11 @@ class TrackTable {
   absl::Status ApplyBackward(const TrackUpdate& update);
 
   const std::vector<TableTrack>& tracks() const { return tracks_; }
+  const std::optional<TableObject>& object() const { return object_; }
+  // Whether the track is of a point of the object. Such a point starts where the tracker has placed it.
+  bool IsOfObject(const TableTrack& track) const;
+  // Null where nothing was said of it.
+  const ObjectSample* ObjectEstimate(int64_t frame) const;
   int64_t frames() const { return frames_; }  // frames the tracker has accepted so far
   // No estimate of frames 0 .. final_frames() - 1 will change or be added any more.
   int64_t final_frames() const;
@@ -76,9 +92,13 @@ class TrackTable {
     std::optional<absl::Time> capture_time;
   };
   absl::Status ApplyRun(const PointRun& run, bool backward);
+  absl::Status ApplyRun(const ObjectRun& run);
+  // The place of its track in tracks_; none: it was never asked for.
+  std::optional<size_t> Find(const PointRun& run);
 
   const Direction direction_;
   std::vector<TableTrack> tracks_;
+  std::optional<TableObject> object_;
   absl::flat_hash_map<PointId, size_t> index_;
   std::vector<InputFrame> input_frames_;
   int64_t frames_ = 0;

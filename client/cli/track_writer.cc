@@ -47,6 +47,32 @@ json CaptureTimes(const TrackTable& table, const TrackExtent& extent) {
   return times;
 }
 
+// The object on the frames it is known on.
+json ObjectToJson(const TrackTable& table, const TrackExtent& extent) {
+  const TableObject& object = *table.object();
+  json points = json::array(), frames = json::array(), xy = json::array(), scale = json::array();
+  json rotation = json::array(), visible = json::array(), outline = json::array(), left = json::array();
+  for (const TableTrack& track : table.tracks()) {
+    if (table.IsOfObject(track)) points.push_back(track.start.query.id);
+  }
+  for (int64_t frame = object.query_frame; frame < extent.frames; ++frame) {
+    const ObjectSample* sample = table.ObjectEstimate(frame);
+    if (sample == nullptr) continue;
+    frames.push_back(table.Number(frame));
+    xy.push_back({Rounded(sample->centre.x), Rounded(sample->centre.y)});
+    scale.push_back(Rounded(sample->scale));
+    rotation.push_back(Rounded(sample->rotation));
+    visible.push_back(Rounded(sample->visible));
+    json corners = json::array();
+    for (const Pixel& corner : sample->outline) corners.push_back({Rounded(corner.x), Rounded(corner.y)});
+    outline.push_back(std::move(corners));
+    left.push_back(sample->left);
+  }
+  return {{"id", object.start.query.id},   {"points", std::move(points)},   {"frames", std::move(frames)},
+          {"xy", std::move(xy)},           {"scale", std::move(scale)},     {"rotation", std::move(rotation)},
+          {"visible", std::move(visible)}, {"outline", std::move(outline)}, {"left", std::move(left)}};
+}
+
 // Point by point, so that the tree of values never holds a whole video.
 void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
   out << absl::StrFormat("{\"width\": %d, \"height\": %d, \"fps\": %g, \"frames\": %d, ", video.size.width,
@@ -61,7 +87,9 @@ void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& vid
     out << separator << PointToJson(table, track).dump(-1, ' ', false, json::error_handler_t::replace);
     separator = ",\n";
   }
-  out << "\n]}\n";
+  out << "\n]";
+  if (table.object()) out << ",\n\"objects\": [" << ObjectToJson(table, extent).dump() << "]";
+  out << "}\n";
 }
 
 void WriteCsv(std::ostream& out, const TrackTable& table) {

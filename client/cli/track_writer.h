@@ -16,7 +16,9 @@ namespace holdfast {
 // Frames have the numbers of the input, and 'fps' is of the input, so that number / fps is a time in it.
 // kJson: {width, height, fps, frames: T, complete, final_frames, expected_frames,
 //         points: [{id, name, frames[], xy[[x, y]], visible[], confidence[]}]}; for inputs whose frames have a capture
-//         time also capture_times: [[frame, "2026-01-31T12:00:00.25+00:00"]]
+//         time also capture_times: [[frame, "2026-01-31T12:00:00.25+00:00"]]; where there is an object also
+//         objects: [{id, points[ids], frames[], xy[[x, y]] (its centre), scale[], rotation[], visible[],
+//         outline[[[x, y]]], left[[ids]]}]; see ObjectSample
 // kCsv:  id,frame,x,y,visible,confidence; a line for each estimate and no word on how much is missing
 // kNpz:  tracks [N, T, 2] float32 pixels (NaN where absent), visible [N, T] bool, confidence [N, T] float32,
 //        ids [N] int64, names [N] text, query_frames [N] int64 (where each point starts), frames [T] int64 (the number

@@ -192,6 +192,31 @@ PointQuery FrameEncoder::ToSent(const PointQuery& point) const {
           std::min(y, static_cast<float>(sent_.height - 1))};
 }
 
+absl::StatusOr<ObjectQuery> FrameEncoder::ToSent(const ObjectQuery& object) const {
+  if (sent_ == size_) return object;
+  ObjectQuery sent = object;
+  std::vector<uint8_t> png;
+  const auto encoded = WithoutException("PNG", [&] {
+    cv::Mat mask =
+        cv::imdecode(std::vector<uint8_t>(object.mask_png.begin(), object.mask_png.end()), cv::IMREAD_GRAYSCALE);
+    cv::resize(mask, mask, {sent_.width, sent_.height}, 0, 0, cv::INTER_NEAREST);
+    cv::imencode(".png", mask, png);
+    return mask;
+  });
+  if (!encoded.ok()) return encoded.status();
+  sent.mask_png.assign(png.begin(), png.end());
+  return sent;
+}
+
+void FrameEncoder::FromSent(ObjectRun& run) const {
+  const float x = static_cast<float>(size_.width) / static_cast<float>(sent_.width);
+  const float y = static_cast<float>(size_.height) / static_cast<float>(sent_.height);
+  for (ObjectSample& sample : run.samples) {
+    sample.centre = {sample.centre.x * x, sample.centre.y * y};
+    for (Pixel& corner : sample.outline) corner = {corner.x * x, corner.y * y};
+  }
+}
+
 void FrameEncoder::FromSent(PointRun& run) const {
   for (float& x : run.x) x = x * static_cast<float>(size_.width) / static_cast<float>(sent_.width);
   for (float& y : run.y) y = y * static_cast<float>(size_.height) / static_cast<float>(sent_.height);

@@ -68,6 +68,9 @@ class FrameEncoder {
   // Positions in the source's pixels <-> positions in the sent picture's.
   PointQuery ToSent(const PointQuery& point) const;
   void FromSent(PointRun& run) const;
+  // The mask becomes one of the sent picture's size.
+  absl::StatusOr<ObjectQuery> ToSent(const ObjectQuery& object) const;
+  void FromSent(ObjectRun& run) const;
   ImageSize sent_size() const { return sent_; }
 
  private:

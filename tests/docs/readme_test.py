@@ -87,6 +87,9 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
         (self.folder / "build").mkdir()
         os.symlink(BUILD.resolve(), self.folder / "build/release")
         os.symlink(VIDEO, self.folder / "video.mp4")
+        mask = Image.new("L", (768, 576))
+        mask.paste(255, (250, 200, 290, 300))
+        mask.save(self.folder / "object.png")
         (self.folder / "frames").mkdir()
         for number, picture in enumerate(support.PICTURES[:FEW_FRAMES]):
             Image.fromarray(picture).resize((768, 576)).save(self.folder / f"frames/{number:03}.jpg", quality=95)

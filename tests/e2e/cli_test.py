@@ -204,6 +204,32 @@ class CliTest(unittest.TestCase):
         self.assert_same_tracks(on_its_own_frame, {numbers[i]: position for i, position in second.items()})
         self.assertEqual(sorted(on_its_own_frame), [9, *range(11, 40, 4)])
 
+    def test_a_mask_is_an_object_on_its_frame_of_the_input(self):
+        mask = Image.new("L", (WIDTH, HEIGHT))
+        mask.paste(255, (30, 30, 60, 60))
+        mask.save(self.path("mask.png"))
+        done = self.holdfast("track", str(self.pictures("frames", jpegs(moving_picture(40)))), "--start_frame=3",
+                             "--every=2", "--query_frame=10", "--both", f"--server={self.server.address}",
+                             f"--mask={self.path('mask.png')}", "--grid=12", f"--out={self.path('t.json')}",
+                             f"--overlay={self.path('o.mp4')}")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        tracks = json.loads(self.path("t.json").read_text())
+        self.assertTrue(tracks["complete"])
+        found, = tracks["objects"]
+        self.assertEqual(found["frames"], [10, *range(11, 40, 2)], "the input's numbers, and its own frame besides")
+        self.assertEqual(found["points"], [point["id"] for point in tracks["points"]])
+        self.assertEqual(found["points"], list(range(1, 13)))
+        # The texture moves a pixel a frame to the right, the object with it.
+        self.assertAlmostEqual(found["xy"][0][0], 44.5, delta=0.6)
+        moved = [b - a for a, b in zip(found["xy"][0], found["xy"][-1])]
+        self.assertAlmostEqual(moved[0], 29, delta=3)
+        self.assertAlmostEqual(moved[1], 0, delta=3)
+        for point in tracks["points"]:
+            self.assertEqual(point["frames"], sorted({10, *range(3, 40, 2)}), "a past, too")
+            x, y = point["xy"][point["frames"].index(10)]
+            self.assertTrue(30 <= x < 60 and 30 <= y < 60, f"on the mask: {x}, {y}")
+        self.assertGreater(self.path("o.mp4").stat().st_size, 1000)
+
     def test_live_frames_that_come_too_fast_are_left_out_and_counted(self):
         self.path("points.csv").write_text("id,x,y\n1,40.5,50.25\n", encoding="utf-8")
         every = b"".join(jpegs(moving_picture(WHOLE))) * 6

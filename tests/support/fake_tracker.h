@@ -23,7 +23,9 @@ struct FakeEstimate {
 // Where a point that was given as 'query' in 'query_frame' is said to be in 'frame'.
 using FakePath = std::function<FakeEstimate(const PointQuery& query, int64_t query_frame, int64_t frame)>;
 
-// Sends a provisional estimate far from the path for every frame pushed, and the path itself, final, at the end.
+// Sends a provisional estimate far from the path for every frame pushed, and the path itself, final, at the end. Places
+// three points on an object, at (1, 1), (2, 1) and (3, 1), says that it goes one pixel to the right each frame, from
+// (2, 1), and that the second of them has left it.
 class FakeTracker final : public PointTracker {
  public:
   struct Behaviour {
@@ -31,6 +33,7 @@ class FakeTracker final : public PointTracker {
     ImageSize default_processing_size = {512, 384};
     int64_t fail_at_frame = -1;        // PushFrame of this index ends the session with UNAVAILABLE; -1: never
     int64_t final_frames_missing = 0;  // so many frames at the end of every track never become final
+    int max_objects = kMaxObjects;     // 0: it knows none
   };
 
   explicit FakeTracker(Behaviour behaviour) : behaviour_(std::move(behaviour)) {}
@@ -53,8 +56,10 @@ class FakeTracker final : public PointTracker {
       SessionAccepted accepted;
       accepted.processing_size =
           config.processing_size.empty() ? tracker.behaviour_.default_processing_size : config.processing_size;
+      accepted.limits.max_objects = tracker.behaviour_.max_objects;
       observer_.OnAccepted(accepted);
       Query(config.points, 0);
+      QueryObjects(config.objects, 0);
     }
     ~Stream() override { Cancel(); }
 
@@ -62,6 +67,7 @@ class FakeTracker final : public PointTracker {
       if (frame.index == tracker_.behaviour_.fail_at_frame)
         return Done(absl::UnavailableError("the tracker went away"));
       Query(frame.points, frame.index);
+      QueryObjects(frame.objects, frame.index);
       tracker_.frames_.push_back(std::move(frame));
       TrackUpdate update;
       update.frames_received = update.frames_processed = Frames();
@@ -85,6 +91,7 @@ class FakeTracker final : public PointTracker {
         update.runs.push_back(Run(query, frames, /*final=*/true));
         update.runs.back().final_count = std::max<int64_t>(0, frames - tracker_.behaviour_.final_frames_missing);
       }
+      for (const auto& [id, frame] : objects_) update.objects.push_back(RunOfObject(id, frame));
       observer_.OnTracks(std::move(update));
       return Done(absl::OkStatus());
     }
@@ -102,6 +109,22 @@ class FakeTracker final : public PointTracker {
 
     void Query(const std::vector<PointQuery>& points, int64_t frame) {
       for (const PointQuery& point : points) queries_[point.id] = {point, frame};
+    }
+
+    void QueryObjects(const std::vector<ObjectQuery>& objects, int64_t frame) {
+      for (const ObjectQuery& object : objects) {
+        objects_[object.id] = frame;
+        for (uint32_t i = 0; i < 3; ++i) Query({{ObjectPointId(object.id, i), 1.0f + static_cast<float>(i), 1}}, frame);
+      }
+    }
+
+    ObjectRun RunOfObject(ObjectId id, int64_t frame) const {
+      ObjectRun run{id, frame, {}, std::max<int64_t>(0, Frames() - frame - tracker_.behaviour_.final_frames_missing)};
+      for (int64_t t = 0; t < Frames() - frame; ++t) {
+        const float x = 2 + static_cast<float>(t);
+        run.samples.push_back({{x, 1}, 1, 0, 1, {{x, 0}, {x + 2, 2}, {x, 2}}, {ObjectPointId(id, 1)}});
+      }
+      return run;
     }
 
     // The newest 'frames' frames of a track.
@@ -128,6 +151,7 @@ class FakeTracker final : public PointTracker {
     FakeTracker& tracker_;
     TrackObserver& observer_;
     std::map<PointId, PlacedQuery> queries_;
+    std::map<ObjectId, int64_t> objects_;  // the frames they were queried at
     bool done_ = false;
   };
 

@@ -59,5 +59,22 @@ TEST(OverlayPainterTest, PositionsFarOutsideAndNotANumberAreNotDrawn) {
   EXPECT_EQ(cv::countNonZero(picture.reshape(1)), 0);
 }
 
+TEST(OverlayPainterTest, AnObjectsOutlineIsDrawnAndThePointsThatHaveLeftItAreCrossedOut) {
+  StartObject object;
+  object.query.id = 1;
+  TrackTable table({}, object);
+  TrackUpdate update{{{1, 0, {30}, {20}, {0}, {1}, 1}, {2, 0, {60}, {20}, {0}, {1}, 1}}, 1, 1};
+  update.objects = {{1, 0, {{{45, 20}, 1, 0, 1, {{10, 10}, {90, 10}, {90, 60}, {10, 60}}, {2}}}, 1}};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  cv::Mat picture = Black();
+  OverlayPainter(0).Paint(table, 0, picture);
+  EXPECT_GT(Brightness(picture, 50, 10), 200);
+  EXPECT_GT(Brightness(picture, 90, 30), 200);
+  EXPECT_EQ(Brightness(picture, 50, 40), 0);
+  const cv::Vec3b stays = picture.at<cv::Vec3b>(20, 30), left = picture.at<cv::Vec3b>(20, 60);
+  EXPECT_LT(stays[2], 60) << "the inside of a ring";
+  EXPECT_GT(left[2], 200) << "red";
+}
+
 }  // namespace
 }  // namespace holdfast

@@ -4,10 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -16,22 +14,6 @@ namespace holdfast {
 namespace {
 
 using ::testing::HasSubstr;
-
-// A ring: evenly spread points must go round it and none may fall into its hole.
-cv::Mat RingMask(int side) {
-  cv::Mat mask = cv::Mat::zeros(side, side, CV_8U);
-  cv::circle(mask, {side / 2, side / 2}, side * 2 / 5, cv::Scalar(255), cv::FILLED);
-  cv::circle(mask, {side / 2, side / 2}, side / 5, cv::Scalar(0), cv::FILLED);
-  return mask;
-}
-
-float SmallestDistance(const std::vector<cv::Point2f>& points) {
-  float smallest = 1e9f;
-  for (size_t i = 0; i < points.size(); ++i) {
-    for (size_t j = 0; j < i; ++j) smallest = std::min(smallest, static_cast<float>(cv::norm(points[i] - points[j])));
-  }
-  return smallest;
-}
 
 TEST(GridPointsTest, CellsAreNearlySquareAndTheirCentresTileTheFrame) {
   const auto points = GridPoints(12, {40, 30});
@@ -53,33 +35,6 @@ TEST(GridPointsTest, AnyCountOnAnyShapeIsNearlyMetAndStaysInside) {
     }
   }
   EXPECT_NEAR(static_cast<double>(GridPoints(100, {768, 576}).size()), 100, 10);
-}
-
-TEST(MaskPointsTest, PointsLieOnTheObjectFarFromEachOtherAndOffItsBorder) {
-  const cv::Mat mask = RingMask(200);
-  const auto points = MaskPoints(24, mask);
-  ASSERT_EQ(points.size(), 24u);
-  for (const auto& p : points) EXPECT_NE(mask.at<uint8_t>(cv::Point(p)), 0);
-  EXPECT_GT(SmallestDistance(points), 15);
-  cv::Mat inner;
-  cv::erode(mask, inner, cv::getStructuringElement(cv::MORPH_ELLIPSE, {9, 9}));
-  for (const auto& p : points) EXPECT_NE(inner.at<uint8_t>(cv::Point(p)), 0) << p;
-}
-
-TEST(MaskPointsTest, TheSameMaskGivesTheSamePoints) {
-  EXPECT_EQ(MaskPoints(9, RingMask(90)), MaskPoints(9, RingMask(90)));
-}
-
-TEST(MaskPointsTest, ASmallObjectGivesNoMorePointsThanPixels) {
-  cv::Mat mask = cv::Mat::zeros(8, 8, CV_8U);
-  mask.at<uint8_t>(0, 0) = mask.at<uint8_t>(7, 7) = mask.at<uint8_t>(7, 6) = 1;
-  EXPECT_EQ(MaskPoints(10, mask).size(), 3u);
-}
-
-TEST(MaskPointsTest, ALargeMaskIsSampledOnAllOfItsParts) {
-  const auto points = MaskPoints(16, cv::Mat(1200, 1600, CV_8U, cv::Scalar(1)));
-  ASSERT_EQ(points.size(), 16u);
-  EXPECT_GT(SmallestDistance(points), 200);
 }
 
 class CollectPointsTest : public ::testing::Test {
@@ -116,22 +71,43 @@ TEST_F(CollectPointsTest, GridPointsGetTheIdsAfterThoseOfTheFile) {
   EXPECT_EQ((*points)[5].frame, 2);
 }
 
-TEST_F(CollectPointsTest, AMaskGivesAsManyPointsAsTheGridSays) {
+TEST_F(CollectPointsTest, AMaskIsAnObjectAndItsPointsGetTheIdsAfterTheOthers) {
   PointOptions options;
   options.mask = Mask(40, 30, 1);
-  EXPECT_EQ(CollectPoints(options, {40, 30})->size(), 64u);
   options.grid = 5;
-  EXPECT_EQ(CollectPoints(options, {40, 30})->size(), 5u);
+  options.query_frame = 3;
+  EXPECT_THAT(CollectPoints(options, {40, 30}), IsOkAndHolds(::testing::IsEmpty()));
+  const auto object = CollectObject(options, {40, 30}, {{{7, 1, 2}, 0, "7"}});
+  ASSERT_THAT(object, IsOk());
+  ASSERT_TRUE(object->has_value());
+  EXPECT_EQ((*object)->first_point, 8u);
+  EXPECT_EQ((*object)->frame, 3);
+  EXPECT_EQ((*object)->query.points, 5);
+  const std::string& png = (*object)->query.mask_png;
+  const cv::Mat mask = cv::imdecode(std::vector<char>(png.begin(), png.end()), cv::IMREAD_GRAYSCALE);
+  EXPECT_EQ(cv::countNonZero(mask), 40 * 30);
+  options.query_frame = -1;
+  EXPECT_EQ((*CollectObject(options, {40, 30}, {}, 9))->frame, 9) << "the first one that is tracked";
+  options.mask.clear();
+  const auto none = CollectObject(options, {40, 30}, {});
+  ASSERT_THAT(none, IsOk());
+  EXPECT_FALSE(none->has_value());
+  options.mask = "m.png";
+  options.grid = 257;
+  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("at most 256")));
 }
 
 TEST_F(CollectPointsTest, WrongMasksAreErrors) {
   PointOptions options;
+  const auto says = [&options](const char* text) {
+    EXPECT_THAT(CollectObject(options, {40, 30}, {}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(text)));
+  };
   options.mask = Mask(40, 30, 0);
-  EXPECT_THAT(CollectPoints(options, {40, 30}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("all zero")));
+  says("all zero");
   options.mask = Mask(40, 31, 1);
-  EXPECT_THAT(CollectPoints(options, {40, 30}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("40x31")));
+  says("40x31");
   std::ofstream(dir_.File("mask.png")) << "no picture";
-  EXPECT_THAT(CollectPoints(options, {40, 30}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("mask.png")));
+  says("mask.png");
 }
 
 }  // namespace

@@ -66,6 +66,13 @@ class TrackCommandTest : public ::testing::Test {
 
   void Points(const std::string& text) { std::ofstream(options_.points.file) << text; }
 
+  void Mask() {
+    cv::Mat mask(48, 64, CV_8UC1, cv::Scalar(0));
+    mask(cv::Rect(4, 4, 10, 10)).setTo(255);
+    options_.points.mask = dir_.File("mask.png");
+    cv::imwrite(options_.points.mask, mask);
+  }
+
   absl::Status Run(PointTracker& tracker) {
     const auto connect = [this, &tracker]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
       ++connections_;
@@ -125,6 +132,77 @@ TEST_F(TrackCommandTest, WritesTracksOverlayAndStillOfAllFrames) {
   EXPECT_EQ(json["expected_frames"], 6);
   EXPECT_THAT(log_.str(), HasSubstr("6/6 frames"));
   EXPECT_THAT(log_.str(), HasSubstr("wrote " + options_.out));
+}
+
+TEST_F(TrackCommandTest, AMaskIsAnObjectWhosePointsFollowThoseOfTheFile) {
+  Mask();
+  options_.points.grid = 3;
+  options_.points.query_frame = 1;
+  options_.max_side = 32;  // half of it
+  options_.overlay.still = dir_.File("still.png");
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  ASSERT_EQ(tracker.frames()[1].objects.size(), 1u);
+  const std::string& png = tracker.frames()[1].objects[0].mask_png;
+  EXPECT_EQ(cv::imdecode(std::vector<char>(png.begin(), png.end()), cv::IMREAD_GRAYSCALE).size(), cv::Size(32, 24));
+  EXPECT_EQ(tracker.frames()[1].objects[0].points, 3);
+  const auto json = Tracks();
+  ASSERT_EQ(json["points"].size(), 5u);
+  EXPECT_EQ(json["points"][2]["id"], 3);
+  EXPECT_EQ(json["points"][2]["frames"][0], 1);
+  const auto object = json["objects"][0];
+  EXPECT_EQ(object["points"], nlohmann::json::parse("[3, 4, 5]"));
+  EXPECT_EQ(object["frames"], nlohmann::json::parse("[1, 2, 3, 4, 5]"));
+  EXPECT_EQ(object["xy"][4], nlohmann::json::parse("[12.0, 2.0]"));
+  EXPECT_EQ(object["outline"][0], nlohmann::json::parse("[[4.0, 0.0], [8.0, 4.0], [4.0, 4.0]]"));
+  EXPECT_EQ(object["left"][2], nlohmann::json::parse("[4]"));
+  EXPECT_THAT(log_.str(), HasSubstr("5 points, final on all 6 frames"));
+}
+
+TEST_F(TrackCommandTest, AnObjectStartsOnItsFrameOfTheInputWhateverIsLeftOut) {
+  Mask();
+  options_.points.file.clear();
+  options_.start_frame = 1;
+  options_.every = 2;
+  options_.points.query_frame = 4;  // besides 1, 3, 5
+  options_.both = true;
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  ASSERT_EQ(tracker.configs().size(), 2u);
+  const SessionConfig& back = tracker.configs()[1];
+  EXPECT_TRUE(back.objects.empty());
+  ASSERT_EQ(back.points.size(), 3u);
+  EXPECT_EQ(back.points[1].x, 2) << "where the tracker has placed it";
+  EXPECT_EQ(back.points[1].y, 1);
+  const auto json = Tracks();
+  EXPECT_EQ(json["complete"], true);
+  EXPECT_EQ(json["objects"][0]["frames"], nlohmann::json::parse("[4, 5]"));
+  EXPECT_EQ(json["objects"][0]["points"], nlohmann::json::parse("[1, 2, 3]"));
+  EXPECT_EQ(json["points"][0]["frames"], nlohmann::json::parse("[1, 3, 4, 5]"));
+  EXPECT_EQ(json["points"][0]["xy"], nlohmann::json::parse("[[3, 1], [2, 1], [1, 1], [2, 1]]"));
+}
+
+TEST_F(TrackCommandTest, AnObjectWithoutAFrameStartsOnTheFirstOneThatIsTracked) {
+  Mask();
+  options_.points.file.clear();
+  options_.start_frame = 3;
+  options_.out = "-";
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  EXPECT_EQ(tracker.configs()[0].objects.size(), 1u);
+  EXPECT_THAT(out_.str(), HasSubstr("{\"object\": 1, \"frame\": 3, \"x\": 2.000, \"y\": 1.000"));
+}
+
+TEST_F(TrackCommandTest, ServersThatKnowNoObjectsAndInputsThatEndBeforeOneAreTold) {
+  Mask();
+  auto behaviour = MovingRight();
+  behaviour.max_objects = 0;
+  FakeTracker old(behaviour);
+  EXPECT_THAT(Run(old), StatusIs(absl::StatusCode::kUnimplemented, HasSubstr("--mask: the server is too old")));
+  options_.points.query_frame = 99;
+  FakeTracker tracker(MovingRight());
+  EXPECT_THAT(Run(tracker), IsOk());
+  EXPECT_THAT(log_.str(), HasSubstr("warning: the object of --mask starts after the last frame"));
 }
 
 TEST_F(TrackCommandTest, EstimatesGoToStandardOutputAsTheyCome) {

@@ -66,5 +66,30 @@ TEST(TrackLinesTest, SaysWhenNobodyReads) {
   EXPECT_FALSE(lines.End({}));
 }
 
+TEST(TrackLinesTest, AnObjectHasLinesOfItsOwn) {
+  std::ostringstream out;
+  TrackLines lines({}, out);
+  TrackUpdate update{{{12, 7, {1}, {2}, {1}, {1}, 0}}, 9, 8};
+  update.objects = {{1, 7, {{{3.5f, 4}, 1.25f, -0.5f, 0.75f, {{0, 0}}, {12, 13}}}, 1}};
+  EXPECT_TRUE(lines.Write(update, TrackTable({})));
+  const std::vector<json> all = Lines(out.str());
+  ASSERT_EQ(all.size(), 2u);
+  EXPECT_EQ(all[0]["name"], "12") << "a point that the server placed";
+  EXPECT_EQ(all[1], json::parse(R"({"object": 1, "frame": 7, "x": 3.5, "y": 4.0, "scale": 1.25, "rotation": -0.5,
+                                    "visible": 0.75, "left": [12, 13], "final": true})"));
+}
+
+TEST(TrackLinesTest, AnObjectsFramesAreTheInputsToo) {
+  std::ostringstream out;
+  TrackTable table({});
+  table.AddFrame(40, absl::FromUnixMillis(1500));
+  TrackUpdate update;
+  update.objects = {{1, 0, {{}}, 0}};
+  TrackLines({}, out).Write(update, table);
+  const json line = Lines(out.str()).at(0);
+  EXPECT_EQ(line["frame"], 40);
+  EXPECT_EQ(line["capture_time"], "1970-01-01T00:00:01.5+00:00");
+}
+
 }  // namespace
 }  // namespace holdfast

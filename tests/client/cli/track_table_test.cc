@@ -118,7 +118,7 @@ TEST(TrackTableTest, APointStartsWhereItsFrameComesHoweverManyWereLeftOut) {
 }
 
 TEST(TrackTableTest, WhatLiesBeforeAQueryIsTakenFromTheWayBackAlone) {
-  TrackTable table({Start(1, 2)}, TrackTable::Direction::kBoth);
+  TrackTable table({Start(1, 2)}, std::nullopt, TrackTable::Direction::kBoth);
   for (int64_t number = 0; number < 4; ++number) table.AddFrame(number);
   EXPECT_THAT(table.Apply(Update(4, {RunOf(1, 1, {1}, 1)})), StatusIs(absl::StatusCode::kInternal));
   ASSERT_THAT(table.Apply(Update(4, {RunOf(1, 2, {2, 3}, 2)})), IsOk());
@@ -129,6 +129,71 @@ TEST(TrackTableTest, WhatLiesBeforeAQueryIsTakenFromTheWayBackAlone) {
   EXPECT_EQ(table.final_frames(), 4);
   EXPECT_EQ(FinalX(table, 0, 1), 1);
   EXPECT_EQ(FinalX(table, 0, 2), 2);
+}
+
+StartObject TheObject() {
+  StartObject object;
+  object.query.id = 1;
+  object.frame = 2;
+  object.first_point = 10;
+  return object;
+}
+ObjectRun ObjectRunOf(int64_t first_frame, const std::vector<float>& x, int64_t final_count) {
+  ObjectRun run{1, first_frame, {}, final_count};
+  for (const float value : x) run.samples.push_back({{value, 0}, 1, 0, 1, {}, {}});
+  return run;
+}
+
+TEST(TrackTableTest, PointsOfAnObjectJoinWhenTheyAreHeardOf) {
+  TrackTable table({Start(1, 0)}, TheObject());
+  ASSERT_THAT(table.Apply(Update(2, {RunOf(1, 0, {0, 1}, 2)})), IsOk());
+  EXPECT_EQ(table.final_frames(), 2);
+  ASSERT_THAT(table.Apply(Update(4, {RunOf(1, 2, {2, 3}, 2)})), IsOk());
+  EXPECT_EQ(table.final_frames(), 2) << "the object lives from here on";
+  TrackUpdate update = Update(4, {RunOf(11, 2, {5, 6}, 1)});
+  update.objects = {ObjectRunOf(2, {7, 8}, 1)};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  ASSERT_EQ(table.tracks().size(), 2u);
+  EXPECT_EQ(table.tracks()[1].start.query.id, 11u);
+  EXPECT_EQ(table.tracks()[1].start.query.x, 5);
+  EXPECT_EQ(table.final_frames(), 3);
+  EXPECT_EQ(table.ObjectEstimate(1), nullptr);
+  EXPECT_EQ(table.ObjectEstimate(3)->centre.x, 8);
+  update = Update(5, {});
+  update.objects = {ObjectRunOf(2, {90, 80, 70}, 0)};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  EXPECT_EQ(table.ObjectEstimate(2)->centre.x, 7) << "final";
+  EXPECT_EQ(table.ObjectEstimate(3)->centre.x, 80);
+}
+
+TEST(TrackTableTest, AnObjectStartsWhereItsFrameComesAndItsPointsHaveAPastWithBoth) {
+  StartObject object = TheObject();
+  object.frame = 25;
+  TrackTable table({}, object, TrackTable::Direction::kBoth);
+  for (const int64_t number : {10, 20, 25}) table.AddFrame(number);
+  TrackUpdate update = Update(3, {RunOf(10, 2, {5}, 1)});
+  update.objects = {ObjectRunOf(2, {7}, 1)};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  EXPECT_EQ(table.ObjectEstimate(2)->centre.x, 7);
+  EXPECT_EQ(table.tracks()[0].start.frame, 25);
+  EXPECT_EQ(table.tracks()[0].query_frame, 2);
+  EXPECT_EQ(table.final_frames(), 0) << "frames 0 and 1 are to come";
+  ASSERT_THAT(table.ApplyBackward(Update(0, {RunOf(10, 0, {3, 4}, 2)})), IsOk());
+  EXPECT_EQ(table.final_frames(), 3);
+  EXPECT_EQ(table.tracks()[0].start.query.x, 5) << "where it was placed";
+}
+
+TEST(TrackTableTest, ObjectsAndPointsOfObjectsThatWereNotAskedForAreRefused) {
+  TrackTable table({Start(1, 0)}, TheObject());
+  ASSERT_THAT(table.Apply(Update(5, {})), IsOk());
+  for (const PointRun& run : {RunOf(9, 2, {5}, 1), RunOf(11, 3, {5}, 1), RunOf(10 + 256, 2, {5}, 1)}) {
+    EXPECT_THAT(table.Apply(Update(5, {run})), StatusIs(absl::StatusCode::kInternal)) << run.id;
+  }
+  TrackUpdate update = Update(5, {});
+  for (const ObjectRun& run : {ObjectRunOf(1, {5}, 1), ObjectRunOf(4, {5, 6}, 1), ObjectRun{2, 2, {{}}, 0}}) {
+    update.objects = {run};
+    EXPECT_THAT(table.Apply(update), StatusIs(absl::StatusCode::kInternal)) << run.first_frame;
+  }
 }
 
 }  // namespace

@@ -100,6 +100,27 @@ TEST(TrackWriterTest, ACompleteFileSaysSo) {
   EXPECT_EQ(ZipMember(dir.File("t.npz"), "complete.npy").back(), '\1');
 }
 
+TEST(TrackWriterTest, JsonHoldsTheObjectOnTheFramesOfTheInputThatItIsKnownOn) {
+  const TempDir dir;
+  StartObject object;
+  object.query.id = 1;
+  object.frame = 9;
+  object.first_point = 5;
+  TrackTable table({{{4, 0, 0}, 7, "4"}}, object);
+  for (const int64_t number : {7, 9, 11}) table.AddFrame(number);
+  TrackUpdate update{{{4, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 2}, {5, 1, {7}, {70}, {1}, {1}, 1}}, 3, 3};
+  update.objects = {{1, 1, {{{3.5f, 4}, 1.25f, -0.5f, 0.75f, {{0, 1}, {2, 3}}, {5}}}, 1}};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  ASSERT_THAT(WriteTracks(dir.File("t.json"), table, kVideo, kPartial), IsOk());
+  EXPECT_EQ(nlohmann::json::parse(Content(dir.File("t.json")))["objects"], nlohmann::json::parse(R"([{"id": 1,
+      "points": [5], "frames": [9], "xy": [[3.5, 4]], "scale": [1.25], "rotation": [-0.5], "visible": [0.75],
+      "outline": [[[0, 1], [2, 3]]], "left": [[5]]}])"));
+  ASSERT_THAT(WriteTracks(dir.File("t.csv"), table, kVideo, kPartial), IsOk());
+  EXPECT_THAT(Content(dir.File("t.csv")), HasSubstr("\n5,9,7.000,70.000,1,1.000\n"));
+  ASSERT_THAT(WriteTracks(dir.File("t.json"), Example(), kVideo, kPartial), IsOk());
+  EXPECT_FALSE(nlohmann::json::parse(Content(dir.File("t.json"))).contains("objects"));
+}
+
 TEST(TrackWriterTest, CsvHasALineForEachEstimate) {
   const TempDir dir;
   ASSERT_THAT(WriteTracks(dir.File("t.csv"), Example(), kVideo, kPartial), IsOk());
