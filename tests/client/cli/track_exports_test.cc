@@ -16,12 +16,12 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr VideoFacts kVideo{{64, 48}, 10};
+constexpr VideoFacts kSource{{64, 48}, 10};
 constexpr TrackExtent kFiveFrames{5, 5, 5, true};
 
 // Of tests/python/tracks_test.py too: one that ends early, one with a gap, and one without a name that begins late,
 // hides and leaves the picture.
-TrackTable Example() {
+TrackTable ThreePoints() {
   TrackTable table({{{4, 0, 0}, 0, "nose, \"left\" <1>"}, {{7, 0, 0}, 0, "paw"}, {{9, 0, 0}, 1, "9"}});
   const PointRun first{4, 0, {1.25f, 2.0004f}, {10, 20}, {1, 1}, {0.5f, 0.25f}, 2};
   const PointRun before{7, 0, {5, 6}, {-0.5f, 30}, {1, 0}, {0.75f, 0.0625f}, 2};
@@ -39,13 +39,13 @@ std::string Expected(const std::string& name) {
 
 TEST(TrackExportsTest, DeepLabCutHasThreeRowsOfHeadingsAndOneForEachFrame) {
   std::ostringstream out;
-  WriteDeepLabCut(out, Example(), kFiveFrames);
+  WriteDeepLabCut(out, ThreePoints(), kFiveFrames);
   EXPECT_EQ(out.str(), Expected("tracks.dlc.csv"));
 }
 
 TEST(TrackExportsTest, CvatHasATrackForEachPointThatIsOutsideWhereItIsNot) {
   std::ostringstream out;
-  WriteCvat(out, Example(), kVideo, kFiveFrames);
+  WriteCvat(out, ThreePoints(), kSource, kFiveFrames);
   EXPECT_EQ(out.str(), Expected("tracks.xml"));
 }
 
@@ -64,7 +64,7 @@ TEST(TrackExportsTest, CharactersThatXmlHasNotAreLeftOut) {
                          std::string("a\x01"
                                      "b\0c",
                                      5)}}),
-            kVideo, {});
+            kSource, {});
   EXPECT_THAT(out.str(), HasSubstr("label=\"a b c\""));
 }
 
@@ -75,7 +75,7 @@ TEST(TrackExportsTest, ThreeDeCountsFromTheLowerLeftCornerAndFromFrameOne) {
   const PointRun second{9, 1, {7, 8}, {20, 30}, {0, 1}, {1, 1}, 2};
   ASSERT_THAT(table.Apply({{first, second}, 3, 3}), IsOk());
   std::ostringstream out;
-  Write3de(out, table, kVideo);
+  Write3de(out, table, kSource);
   EXPECT_EQ(out.str(),
             "2\n"
             "top left\n0\n3\n1 0.500000 47.500000\n2 63.500000 0.500000\n3 1.750000 37.500000\n"
@@ -89,11 +89,11 @@ TEST(TrackExportsTest, FramesHaveTheNumbersOfTheInput) {
   std::ostringstream dlc, cvat, tracks_3de;
   WriteDeepLabCut(dlc, table, {3, 3, 3, true});
   EXPECT_THAT(dlc.str(), HasSubstr("\n10,1.000,3.000,1.000\n12,2.000,4.000,1.000\n14,,,\n"));
-  WriteCvat(cvat, table, kVideo, {3, 3, 3, true});
+  WriteCvat(cvat, table, kSource, {3, 3, 3, true});
   EXPECT_THAT(cvat.str(), HasSubstr("<size>15</size>"));
   EXPECT_THAT(cvat.str(), HasSubstr("frame=\"12\" keyframe=\"1\" outside=\"0\""));
   EXPECT_THAT(cvat.str(), HasSubstr("frame=\"14\" keyframe=\"1\" outside=\"1\""));
-  Write3de(tracks_3de, table, kVideo);
+  Write3de(tracks_3de, table, kSource);
   EXPECT_THAT(tracks_3de.str(), HasSubstr("\n2\n11 1.500000 44.500000\n13 2.500000 43.500000\n"));
 }
 
