@@ -124,7 +124,7 @@ test("a server that wants a token says so, and takes the one that the user gives
     await visitor.page.keyboard.press("Space");
     await visitor.until("sent", 20); // with no point to follow, of which the server would speak
   } finally {
-    await guarded.stop();
+    await guarded.stop("SIGKILL"); // its session is still open: it would wait for that
   }
 });
 
