@@ -120,7 +120,7 @@ def drain_findings(spec):
     values = {variable["name"]: variable.get("value") for variable in server["env"]}
     grace = values.get("HOLDFAST_GRACE_PERIOD", "20s")
     sleep = server.get("lifecycle", {}).get("preStop", {}).get("sleep", {}).get("seconds", 0)
-    flush = number_in_source("server/track_service.cc", r"kFlushTime = absl::Seconds\((\d+)\)")
+    flush = number_in_source("server/streams/served_streams.cc", r"kFlushTime = absl::Seconds\((\d+)\)")
     needed = sleep + int(grace.removesuffix("s")) + flush
     if sleep < 1:
         yield "no preStop: a server refuses sessions before it is out of the Service"
@@ -329,7 +329,7 @@ class ManifestsTest(unittest.TestCase):
     def test_compose_gives_the_server_time_to_end(self):
         server = read_yaml(DEPLOY / "compose.yaml")["services"]["server"]
         grace = int(server["environment"]["HOLDFAST_GRACE_PERIOD"].removesuffix("s"))
-        flush = number_in_source("server/track_service.cc", r"kFlushTime = absl::Seconds\((\d+)\)")
+        flush = number_in_source("server/streams/served_streams.cc", r"kFlushTime = absl::Seconds\((\d+)\)")
         self.assertGreater(int(server["stop_grace_period"].removesuffix("s")), grace + flush)
 
 
