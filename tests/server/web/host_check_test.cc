@@ -30,7 +30,8 @@ TEST(HostCheckTest, AnotherSitesPageIsNot) {
 
 // A site may have its own name point to 127.0.0.1 once its page is loaded: the browser then thinks the page our own.
 TEST(HostCheckTest, ANameThatIsNotThisMachinesIsRefusedWhereNobodyElseCanCall) {
-  for (const std::string host : {"evil.example", "localhost.evil.example:8080", "128.0.0.1:8080", ""}) {
+  for (const std::string host : {"evil.example", "localhost.evil.example:8080", "127.evil.example",
+                                 "127.0.0.1.evil.example:8080", "128.0.0.1:8080", ""}) {
     EXPECT_THAT(CheckHost({}, host, "http://" + host),
                 StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("host is '" + host)));
     EXPECT_THAT(CheckHost({}, host, ""), StatusIs(absl::StatusCode::kPermissionDenied));
