@@ -8,9 +8,33 @@
 namespace holdfast {
 namespace {
 
+int64_t Length(const PointRun& run) { return static_cast<int64_t>(run.x.size()); }
+int64_t Length(const ObjectRun& run) { return static_cast<int64_t>(run.samples.size()); }
+
 template <typename Value>
 void DropFirst(int64_t count, std::vector<Value>& values) {
   values.erase(values.begin(), values.begin() + count);
+}
+void DropFirst(int64_t count, PointRun& run) {
+  DropFirst(count, run.x);
+  DropFirst(count, run.y);
+  DropFirst(count, run.visible);
+  DropFirst(count, run.confidence);
+}
+void DropFirst(int64_t count, ObjectRun& run) { DropFirst(count, run.samples); }
+
+// Takes from the runs what 'repeated' says is known: frames of an id before the one that it has there.
+template <typename Run, typename Frames>
+void CutRepeated(const Frames& repeated, std::vector<Run>& runs) {
+  for (Run& run : runs) {
+    const auto found = repeated.find(run.id);
+    if (found == repeated.end() || found->second <= run.first_frame) continue;
+    const int64_t count = std::min(found->second - run.first_frame, Length(run));
+    DropFirst(count, run);
+    run.first_frame += count;
+    run.final_count = std::max<int64_t>(0, run.final_count - count);
+  }
+  runs.erase(std::remove_if(runs.begin(), runs.end(), [](const Run& run) { return Length(run) == 0; }), runs.end());
 }
 
 // Those of frames that no run speaks of any more.
@@ -37,39 +61,12 @@ void FinalFilter::Apply(TrackUpdate& update) {
   update.frames_received = frames_received_ = std::max(frames_received_, update.frames_received);
   update.frames_processed = frames_processed_ = std::max(frames_processed_, update.frames_processed);
   if (!repeated_.empty()) {
-    for (PointRun& run : update.runs) Cut(run);
-    const auto empty = [](const PointRun& run) { return run.x.empty(); };
-    update.runs.erase(std::remove_if(update.runs.begin(), update.runs.end(), empty), update.runs.end());
+    CutRepeated(repeated_, update.runs);
     DropOldTimes(update);
   }
-  if (!repeated_objects_.empty()) {
-    for (ObjectRun& run : update.objects) Cut(run);
-    const auto empty = [](const ObjectRun& run) { return run.samples.empty(); };
-    update.objects.erase(std::remove_if(update.objects.begin(), update.objects.end(), empty), update.objects.end());
-  }
+  if (!repeated_objects_.empty()) CutRepeated(repeated_objects_, update.objects);
   Remember(update.runs, reported_);
   Remember(update.objects, reported_objects_);
-}
-
-void FinalFilter::Cut(ObjectRun& run) const {
-  const auto found = repeated_objects_.find(run.id);
-  if (found == repeated_objects_.end() || found->second <= run.first_frame) return;
-  const int64_t count = std::min(found->second - run.first_frame, static_cast<int64_t>(run.samples.size()));
-  DropFirst(count, run.samples);
-  run.first_frame += count;
-  run.final_count = std::max<int64_t>(0, run.final_count - count);
-}
-
-void FinalFilter::Cut(PointRun& run) const {
-  const auto found = repeated_.find(run.id);
-  if (found == repeated_.end() || found->second <= run.first_frame) return;
-  const int64_t count = std::min(found->second - run.first_frame, static_cast<int64_t>(run.x.size()));
-  DropFirst(count, run.x);
-  DropFirst(count, run.y);
-  DropFirst(count, run.visible);
-  DropFirst(count, run.confidence);
-  run.first_frame += count;
-  run.final_count = std::max<int64_t>(0, run.final_count - count);
 }
 
 void FinalFilter::ForgetBefore(int64_t frame) {

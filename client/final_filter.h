@@ -31,9 +31,6 @@ class FinalFilter {
   using FramesByPoint = absl::flat_hash_map<PointId, int64_t>;  // frames before this one are final
   using FramesByObject = absl::flat_hash_map<ObjectId, int64_t>;
 
-  void Cut(PointRun& run) const;
-  void Cut(ObjectRun& run) const;
-
   FramesByPoint reported_;
   FramesByPoint repeated_;  // as of the last Resume: only what comes again is cut
   FramesByObject reported_objects_;

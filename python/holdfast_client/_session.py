@@ -41,18 +41,11 @@ class Update:
     objects: tuple[ObjectRun, ...] = ()
 
 
-def _cut(run: pb.PointRun, known: int) -> None:
-    """Takes the frames before `known` out of a run."""
-    drop = min(max(known - run.first_frame, 0), len(run.x))
-    for name in ("x", "y", "visible", "confidence"):
+def _cut(run: pb.PointRun | pb.ObjectRun, known: int, *columns: str) -> None:
+    """Takes the frames before `known` out of a run; `columns` are its fields of a value for each frame."""
+    drop = min(max(known - run.first_frame, 0), len(getattr(run, columns[0])))
+    for name in columns:
         del getattr(run, name)[:drop]
-    run.first_frame += drop
-    run.final_count = max(run.final_count - drop, 0)
-
-
-def _cut_object(run: pb.ObjectRun, known: int) -> None:
-    drop = min(max(known - run.first_frame, 0), len(run.samples))
-    del run.samples[:drop]
     run.first_frame += drop
     run.final_count = max(run.final_count - drop, 0)
 
@@ -151,7 +144,7 @@ class SessionState:
     def _take_tracks(self, tracks: pb.Tracks) -> Update:
         runs = []
         for run in tracks.runs:
-            _cut(run, self._repeated.get(run.id, 0))
+            _cut(run, self._repeated.get(run.id, 0), "x", "y", "visible", "confidence")
             if len(run.x) == 0:
                 continue
             if run.final_count > 0:
@@ -167,7 +160,7 @@ class SessionState:
     def _take_objects(self, tracks: pb.Tracks) -> tuple[ObjectRun, ...]:
         runs = []
         for run in tracks.objects:
-            _cut_object(run, self._repeated_objects.get(run.id, 0))
+            _cut(run, self._repeated_objects.get(run.id, 0), "samples")
             if len(run.samples) == 0:
                 continue
             if run.final_count > 0:
