@@ -16,6 +16,7 @@ constexpr int kMaxPointsInMessage = 1 << 16;
 constexpr uint32_t kMaxObjectId = 0x7FFFFFFF;
 constexpr int kMaxObjects = 64;                 // of a session
 constexpr int kMaxObjectPoints = 256;           // placed on an object
+constexpr int kDefaultObjectPoints = 64;        // where nobody says how many
 constexpr int kMaxPolygonCorners = 1024;        // of an object's polygon
 constexpr int kMaxOutlineCorners = 32;          // of an object's outline
 constexpr int64_t kMaxObjectBytes = 512 << 10;  // of all masks and polygons of a message

@@ -15,6 +15,7 @@
 #include "absl/strings/strip.h"
 #include "absl/synchronization/mutex.h"
 #include "api/clock.h"
+#include "api/limits.h"
 #include "client/cli/answer_times.h"
 #include "client/cli/backward_pass.h"
 #include "client/cli/frame_choice.h"
@@ -226,9 +227,8 @@ class TrackRun final : public TrackObserver {
   }
 
   int ObjectPoints() const {
-    constexpr int kServersChoice = 64;
     if (!object_) return 0;
-    return object_->query.points > 0 ? object_->query.points : kServersChoice;
+    return object_->query.points > 0 ? object_->query.points : kDefaultObjectPoints;
   }
 
   std::vector<ObjectQuery> ObjectsOf(int64_t frame) const {

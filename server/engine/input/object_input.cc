@@ -18,7 +18,6 @@
 namespace holdfast {
 namespace {
 
-constexpr int kDefaultPoints = 64;
 constexpr size_t kLeastPoints = 3;  // that tell of a motion, and of one of them that does not follow it
 constexpr size_t kLeastCorners = 3;
 
@@ -144,7 +143,7 @@ absl::StatusOr<PlacedObject> Place(const ObjectQuery& object, absl::string_view 
 
 }  // namespace
 
-int PointsOf(const ObjectQuery& object) { return object.points == 0 ? kDefaultPoints : object.points; }
+int PointsOf(const ObjectQuery& object) { return object.points == 0 ? kDefaultObjectPoints : object.points; }
 
 int64_t PointsOf(const std::vector<ObjectQuery>& objects) {
   int64_t points = 0;
