@@ -95,8 +95,9 @@ class BaseSession:
         self._state.append(message)
 
     def _take(self, response: pb.TrackResponse) -> None:
+        known = self._state.processed
         update = self._state.take(response)
-        if update is not None and (update.runs or update.objects):
+        if update is not None and (update.runs or update.objects or update.frames_processed > known):
             self._updates.append(update)
 
     def _take_updates(self) -> list[Update]:

@@ -69,7 +69,7 @@ class SessionState:
         self._repeated: dict[int, int] = {}  # as of the last resume: what is before comes again
         self._final_objects: dict[int, int] = {}
         self._repeated_objects: dict[int, int] = {}
-        self._processed = 0
+        self.processed = 0  # frames that servers have worked off
 
     # --- What is sent.
 
@@ -152,10 +152,10 @@ class SessionState:
             self.table.add(run)
             runs.append(Run(run.id, run.first_frame, np.stack([run.x, run.y], axis=1).astype(np.float32),
                             np.array(run.visible, bool), np.array(run.confidence, np.float32), run.final_count))
-        self._processed = max(self._processed, tracks.frames_processed)
+        self.processed = max(self.processed, tracks.frames_processed)
         times = {time.frame: time.capture_time.ToDatetime(timezone.utc) for time in tracks.capture_times}
         objects = self._take_objects(tracks)
-        return Update(tuple(runs), tracks.frames_received, self._processed, times, objects)
+        return Update(tuple(runs), tracks.frames_received, self.processed, times, objects)
 
     def _take_objects(self, tracks: pb.Tracks) -> tuple[ObjectRun, ...]:
         runs = []

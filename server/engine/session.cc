@@ -356,11 +356,21 @@ void Session::EmitLocked(std::vector<PointRun> runs) {
   const int64_t first_frame = runs.empty() ? objects.front().first_frame : runs.front().first_frame;
   const int64_t points = static_cast<int64_t>(runs.size());
   std::vector<FrameTime> times = capture_times_.Of(runs);
-  listener_.OnTracks(
-      {std::move(runs), inbox_.frames_received(), frames_processed_, std::move(times), std::move(objects)});
+  SendLocked({std::move(runs), inbox_.frames_received(), frames_processed_, std::move(times), std::move(objects)});
   const SteadyTime end = clock_.SteadyNow();
   metrics_.StageTook(Stage::kEmit, Between(begin, end));
   if (tell_work_) listener_.OnWork({Stage::kEmit, begin, end, first_frame, points});
+}
+
+void Session::SendLocked(TrackUpdate update) {
+  told_processed_ = update.frames_processed;
+  listener_.OnTracks(std::move(update));
+}
+
+void Session::TellProgress() {
+  if (tracks_.tracks() > 0) return;  // their estimates say it
+  absl::MutexLock lock(&emit_mutex_);
+  if (told_processed_ < frames_processed_) SendLocked({{}, inbox_.frames_received(), frames_processed_});
 }
 
 void Session::TellWork(const StageWork& work) {
@@ -422,6 +432,7 @@ bool Session::FinishTurn() {
     return false;
   }
   StartPolish();
+  TellProgress();
   Evict();
   StartCheckpoint();
   if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return polished;

@@ -133,6 +133,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // To a listener that wants to know.
   void TellWork(const StageWork& work) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void EmitLocked(std::vector<PointRun> runs) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
+  void SendLocked(TrackUpdate update) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
 
   FrameGeometry geometry() const {
     return FrameGeometry(inbox_.frame_size(), options_.accepted.processing_size, options_.stride);
@@ -145,6 +146,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // 'ended': tracks whose last runs these are.
   void Deliver(std::vector<PointRun> runs, absl::Span<const TrackSet::Dropped> ended = {})
       ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  // A client that goes by how far the session is hears of it where there is no point to speak of.
+  void TellProgress() ABSL_LOCKS_EXCLUDED(emit_mutex_);
   void StartChains(absl::Span<const DueRow> rows);
   void StartPolish();
   bool FinishPolish();
@@ -178,6 +181,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // Held in every call of the listener, so that they come one at a time.
   absl::Mutex emit_mutex_;
   bool told_done_ ABSL_GUARDED_BY(emit_mutex_) = false;
+  int64_t told_processed_ ABSL_GUARDED_BY(emit_mutex_) = 0;  // frames_processed of the newest update
   SessionObjects objects_ ABSL_GUARDED_BY(emit_mutex_);
 
   // taken_frame of the newest checkpoint that was sent: the last one of a session may overtake one that is being made.

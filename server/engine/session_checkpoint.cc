@@ -29,6 +29,7 @@ void Session::Resume(SessionState state) {
   }
   CountPoints(0);
   absl::MutexLock lock(&emit_mutex_);
+  told_processed_ = frames_processed_;
   for (ObjectState& object : state.objects) objects_.Add(ObjectGroup(std::move(object)));
 }
 

@@ -70,6 +70,18 @@ class ClientTest(support.ServedTest, unittest.TestCase):
             self.assertLess(updates[0].frames_received, FRAMES)
         self.assertIn(77, session.tracks().ids)
 
+    def test_a_session_without_points_says_how_far_it_is(self):
+        with self.client().session(encoding="raw") as session:
+            for i, frame in enumerate(PICTURES[:6]):
+                updates = session.push(frame)
+                while not updates or updates[-1].frames_processed <= i:
+                    news = session.updates(timeout=30)
+                    self.assertTrue(news, f"frame {i}")
+                    updates += news
+                self.assertFalse(any(update.runs for update in updates))
+            session.finish()
+        self.assertEqual(session.tracks().xy.shape, (0, 0, 2))
+
     def test_the_time_of_a_picture_comes_back_with_its_results(self):
         at = {i: datetime(2024, 5, 6, 7, 8, i, tzinfo=timezone(timedelta(hours=2))) for i in range(4)}
         updates = []

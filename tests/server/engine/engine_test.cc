@@ -134,6 +134,27 @@ TEST_F(EngineTest, GivesAnEarlyEstimateBeforeTheWindowIsFull) {
   EXPECT_EQ(update.frames_processed, 8);
 }
 
+TEST_F(EngineTest, ASessionWithoutPointsHearsHowFarItIs) {
+  RecordingListener listener;
+  auto session = Open(Config(), listener);
+  const auto processed = [&] { return listener.updates().back().frames_processed; };
+  for (int64_t i = 0; i < 5; ++i) {
+    PushFrames(*session, listener, i, i + 1);
+    listener.AwaitUpdates(i + 1);  // who goes by it sends no other frame before
+    EXPECT_EQ(processed(), i + 1);
+  }
+  ASSERT_THAT(listener.Push(*session, MakeFrame(5, {{1, 1, 1}})), IsOk());
+  PushFrames(*session, listener, 6, 13);  // a hop of the point's frames
+  listener.AwaitUpdates(6);
+  EXPECT_THAT(listener.updates().back().runs, SizeIs(1));
+  ASSERT_THAT(session->RemovePoints({1}), IsOk());
+  PushFrames(*session, listener, 13, 14);
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  EXPECT_EQ(processed(), 14);
+  EXPECT_EQ(listener.summary().frames, 14);
+}
+
 std::string Jpeg() {
   std::vector<uint8_t> bytes;
   cv::imencode(".jpg", cv::Mat(kFrame.height, kFrame.width, CV_8UC3, cv::Scalar(9, 9, 9)), bytes);
