@@ -19,8 +19,8 @@ using ::testing::HasSubstr;
 constexpr VideoFacts kSource{{64, 48}, 10};
 constexpr TrackExtent kFiveFrames{5, 5, 5, true};
 
-// Of tests/python/tracks_test.py too: one that ends early, one with a gap, and one without a name that begins late,
-// hides and leaves the picture.
+// Of tests/python/tracks_test.py and web/tests/unit/exports.test.ts too: one that ends early, one with a gap, and one
+// without a name that begins late, hides and leaves the picture.
 TrackTable ThreePoints() {
   TrackTable table({{{4, 0, 0}, 0, "nose, \"left\" <1>"}, {{7, 0, 0}, 0, "paw"}, {{9, 0, 0}, 1, "9"}});
   const PointRun first{4, 0, {1.25f, 2.0004f}, {10, 20}, {1, 1}, {0.5f, 0.25f}, 2};
@@ -31,7 +31,7 @@ TrackTable ThreePoints() {
   return table;
 }
 
-// What the Python client writes too.
+// What the Python client and the page for browsers write too.
 std::string Expected(const std::string& name) {
   std::ifstream file(HOLDFAST_SOURCE_DIR "/tests/data/exports/" + name);
   return {std::istreambuf_iterator<char>(file), {}};
@@ -47,6 +47,12 @@ TEST(TrackExportsTest, CvatHasATrackForEachPointThatIsOutsideWhereItIsNot) {
   std::ostringstream out;
   WriteCvat(out, ThreePoints(), kSource, kFiveFrames);
   EXPECT_EQ(out.str(), Expected("tracks.xml"));
+}
+
+TEST(TrackExportsTest, ThreeDeHasACurveForEachPointWhereItIsSeen) {
+  std::ostringstream out;
+  Write3de(out, ThreePoints(), kSource);
+  EXPECT_EQ(out.str(), Expected("tracks.3de.txt"));
 }
 
 TEST(TrackExportsTest, BodyPartsAreToldApart) {

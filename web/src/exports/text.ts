@@ -3,13 +3,13 @@
 import type { Track } from "../tracks";
 import { framesOf, type Table } from "./table";
 
-/** As printf's %.3f: halves, which binary numbers hit exactly at odd sixteenths only, go to the even digit. */
-export function fixed3(value: number): string {
-  const sixteenths = value * 16;
-  if (!Number.isInteger(sixteenths) || sixteenths % 2 === 0) return value.toFixed(3);
-  const below = Math.floor(value * 1000);
-  const digits = ((below % 2 === 0 ? below : below + 1) / 1000).toFixed(3);
-  return digits === "0.000" && value < 0 ? "-0.000" : digits;
+/** As printf's %.3f, or with other digits: halves, which are whole at one binary digit more, go to the even digit. */
+export function fixed(value: number, digits = 3): string {
+  const halves = value * 2 ** (digits + 1);
+  if (!Number.isInteger(halves) || halves % 2 === 0) return value.toFixed(digits);
+  const below = Math.floor(value * 10 ** digits);
+  const text = ((below % 2 === 0 ? below : below + 1) / 10 ** digits).toFixed(digits);
+  return Number(text) === 0 && value < 0 ? `-${text.replace("-", "")}` : text;
 }
 
 /** As printf's %g of what a frame rate can be. */
@@ -49,7 +49,7 @@ export function toCsv(table: Table): string {
   const lines = ["id,frame,x,y,visible,confidence"];
   for (const track of table.tracks) {
     for (const t of framesOf(track, table.frames)) {
-      const numbers = [fixed3(track.x(t)), fixed3(track.y(t)), track.visible(t) ? 1 : 0, fixed3(track.confidence(t))];
+      const numbers = [fixed(track.x(t)), fixed(track.y(t)), track.visible(t) ? 1 : 0, fixed(track.confidence(t))];
       lines.push([track.id, t, ...numbers].join(","));
     }
   }
@@ -59,20 +59,20 @@ export function toCsv(table: Table): string {
 // A field of a CSV file that may hold separators (RFC 4180).
 const quoted = (text: string) => (/[,"\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
 
-// Columns are told apart by their names.
-function bodyParts(tracks: readonly Track[]): string[] {
+// One for each track, none twice.
+function uniqueNames(tracks: readonly Track[]): string[] {
   const taken = new Set<string>();
   return tracks.map((track) => {
     let name = track.name || String(track.id);
     while (taken.has(name)) name += `_${track.id}`;
     taken.add(name);
-    return quoted(name);
+    return name;
   });
 }
 
 /** DeepLabCut's table of one animal: a row a frame, and of each point x, y and likelihood. */
 export function toDeepLabCut(table: Table): string {
-  const row = (head: string, cells: (part: string) => string[]) => [head, ...bodyParts(table.tracks).flatMap(cells)];
+  const row = (head: string, cells: (part: string) => string[]) => [head, ...uniqueNames(table.tracks).map(quoted).flatMap(cells)];
   const rows: (string | number)[][] = [
     row("scorer", () => Array(3).fill("holdfast")),
     row("bodyparts", (part) => Array(3).fill(part)),
@@ -80,8 +80,24 @@ export function toDeepLabCut(table: Table): string {
   ];
   for (let t = 0; t < table.frames; ++t) {
     const cells = table.tracks.flatMap((track) =>
-      track.has(t) ? [track.x(t), track.y(t), track.confidence(t)].map(fixed3) : ["", "", ""]);
+      track.has(t) ? [track.x(t), track.y(t), track.confidence(t)].map((value) => fixed(value)) : ["", "", ""]);
     rows.push([t, ...cells]);
   }
   return rows.map((cells) => `${cells.join(",")}\n`).join("");
+}
+
+const C3DE_COLOR = 0; // of points in 3DEqualizer: red
+
+/**
+ * 2D tracks as 3DEqualizer reads them: of each point its name, colour, number of keys, and those. From the lower left
+ * corner of the picture, and from frame 1.
+ */
+export function to3de({ tracks, height, frames }: Table): string {
+  const names = uniqueNames(tracks);
+  const curves = tracks.map((track, i) => {
+    const seen = [...framesOf(track, frames)].filter((t) => track.visible(t));
+    const keys = seen.map((t) => `${t + 1} ${fixed(track.x(t) + 0.5, 6)} ${fixed(height - (track.y(t) + 0.5), 6)}\n`);
+    return `${names[i]!.replace(/[\r\n]/g, " ")}\n${C3DE_COLOR}\n${keys.length}\n${keys.join("")}`;
+  });
+  return `${tracks.length}\n${curves.join("")}`;
 }

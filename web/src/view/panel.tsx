@@ -3,8 +3,9 @@ import type { ComponentChildren } from "preact";
 import { signal } from "@preact/signals";
 import { colorOf } from "../draw";
 import { noOverlay, toWebm } from "../exports/overlay";
+import { toCvat } from "../exports/cvat";
 import { toNpz } from "../exports/npz";
-import { toCsv, toDeepLabCut, toJson } from "../exports/text";
+import { to3de, toCsv, toDeepLabCut, toJson } from "../exports/text";
 import * as page from "../page";
 import { LatencyChart } from "./chart";
 import { Icon, IconButton } from "./icons";
@@ -135,6 +136,8 @@ function Exports() {
     ["CSV", "A line a point and frame", () => save("tracks.csv", "text/csv", toCsv(tracker.table()))],
     ["NumPy", "Arrays: tracks, visible, confidence, ids (.npz)", () => save("tracks.npz", "application/zip", toNpz(tracker.table()) as Uint8Array<ArrayBuffer>)],
     ["DeepLabCut", "A row a frame, for DeepLabCut, napari and movement (.dlc.csv)", () => save("tracks.dlc.csv", "text/csv", toDeepLabCut(tracker.table()))],
+    ["CVAT", "A track a point, for CVAT for video 1.1 (.xml)", () => save("tracks.xml", "application/xml", toCvat(tracker.table()))],
+    ["3DEqualizer", "2D tracks from the lower left corner, for 3DEqualizer, Nuke and Blender (.3de.txt)", () => save("tracks.3de.txt", "text/plain", to3de(tracker.table()))],
   ];
   return (
     <Card title="Export" open>

@@ -93,6 +93,11 @@ test("clicked points have the tracks that the command line gives them, in each f
   expect({ ...page, points: [], fps: 0 }).toEqual({ ...cli, points: [], fps: 0 }); // pictures have no rate
   expect(page.points.map((point: object) => Object.keys(point))).toEqual(cli.points.map((point: object) => Object.keys(point)));
 
+  const [xml, theirXml] = [String(await visitor.save("CVAT")), String(await commandLine(".xml"))];
+  expect(xml.replaceAll(/\.\d{3}/g, ".ddd")).toBe(theirXml.replaceAll(/\.\d{3}/g, ".ddd"));
+  const [curves, theirCurves] = [String(await visitor.save("3DEqualizer")), String(await commandLine(".3de.txt"))];
+  expect(curves.replaceAll(/\.\d{6}/g, ".dddddd")).toBe(theirCurves.replaceAll(/\.\d{6}/g, ".dddddd"));
+
   // Texts differ where a millionth of a pixel rounds to another last digit.
   const [csv, theirCsv] = [lines(String(await visitor.save("CSV"))), lines(String(await commandLine(".csv")))];
   expect(csv.map((row) => row.map(shapeOf))).toEqual(theirCsv.map((row) => row.map(shapeOf)));

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
 import { strToU8, unzipSync } from "fflate";
 import { expect, test } from "vitest";
+import { toCvat } from "../../src/exports/cvat";
 import { npyFile, toNpz } from "../../src/exports/npz";
 import type { Table } from "../../src/exports/table";
-import { fixed3, toCsv, toDeepLabCut, toJson } from "../../src/exports/text";
+import { fixed, to3de, toCsv, toDeepLabCut, toJson } from "../../src/exports/text";
 import { TrackStore } from "../../src/tracks";
 
 /** Two points on three frames; the second begins on frame 1 and is hidden on frame 2. */
@@ -20,8 +23,38 @@ function table(more: Partial<Table> = {}): Table {
 }
 
 test("three digits are those of printf, halves included", () => {
-  expect([0.0625, 0.1875, 1.0625, 2.5, 3, 100.9375].map(fixed3)).toEqual(["0.062", "0.188", "1.062", "2.500", "3.000", "100.938"]);
-  expect([-0.0625, -0.1875, -0.0001].map(fixed3)).toEqual(["-0.062", "-0.188", "-0.000"]);
+  expect([0.0625, 0.1875, 1.0625, 2.5, 3, 100.9375].map((x) => fixed(x))).toEqual(["0.062", "0.188", "1.062", "2.500", "3.000", "100.938"]);
+  expect([-0.0625, -0.1875, -0.0001].map((x) => fixed(x))).toEqual(["-0.062", "-0.188", "-0.000"]);
+  expect([0.0078125, 0.0234375, 2.5004].map((x) => fixed(x, 6))).toEqual(["0.007812", "0.023438", "2.500400"]);
+});
+
+/** Those of tests/client/cli/track_exports_test.cc: one ends early, one has a gap, one hides and leaves the picture. */
+function threePoints(): Table {
+  const store = new TrackStore();
+  store.seed(4, 0).name = 'nose, "left" <1>';
+  store.seed(7, 0).name = "paw";
+  store.seed(9, 1);
+  const part = (id: number, firstFrame: number, x: number[], y: number[], visible: boolean[], confidence: number[]) =>
+    ({ id, firstFrame, x, y, visible, confidence, finalCount: x.length });
+  store.apply([
+    part(4, 0, [1.25, 2.0004], [10, 20], [true, true], [0.5, 0.25]),
+    part(7, 0, [5, 6], [-0.5, 30], [true, false], [0.75, 0.0625]),
+    part(7, 3, [8, 9], [31, 32], [true, true], [1, 1]),
+    part(9, 1, [61, 62, 63.4, 63.5], [40, 41, 42, 43], [false, true, true, true], [0.125, 1, 1, 1]),
+  ]);
+  const size = { width: 64, height: 48, fps: 10, frames: 5 };
+  return { tracks: [...store.tracks], ...size, complete: true, finalFrames: 5, expectedFrames: 5 };
+}
+
+test.each([["tracks.dlc.csv", toDeepLabCut], ["tracks.xml", toCvat], ["tracks.3de.txt", to3de]])(
+  "%s is byte for byte that of the command line", (name, write) => {
+    expect(write(threePoints())).toBe(readFileSync(join(import.meta.dirname, "../../../tests/data/exports", name), "utf8"));
+  });
+
+test("CVAT's labels are in the order of their letters' bytes, and have no characters that XML has not", () => {
+  const table = threePoints();
+  ["\u{1f43e}", "\uffee", "a\x01b"].forEach((name, i) => (table.tracks[i]!.name = name));
+  expect([...toCvat(table).matchAll(/<name>(.*?)</g)].map(([, name]) => name)).toEqual(["a b", "\uffee", "\u{1f43e}"]);
 });
 
 test("JSON is that of the command line", () => {
