@@ -40,7 +40,6 @@ export class SessionState {
   private token: Uint8Array = new Uint8Array();
   private nextIndex = 0;
   private finished = false;
-  private followed = new Set<number>(); // points that the server was told of
   private finalEnd = new Map<number, number>(); // of each point, the frames before this one are final
   private repeated = new Map<number, number>(); // as of the last resume: what is before comes again
 
@@ -56,11 +55,6 @@ export class SessionState {
     return this.nextIndex;
   }
 
-  /** Whether the server has a point to speak of. While it has none it does not say how far it is. */
-  get follows(): boolean {
-    return this.followed.size > 0;
-  }
-
   /** The first message to a server. */
   opening(): Uint8Array {
     return configMessage(this.config, this.token);
@@ -74,22 +68,17 @@ export class SessionState {
 
   pushFrame(data: Uint8Array, seeds: readonly Seed[]): void {
     const frame = this.nextIndex++;
-    for (const { id } of seeds) this.followed.add(id);
     this.replay.push({ bytes: frameMessage(frame, data, seeds), frame });
   }
 
   /** Points on the newest frame; known ones begin anew there. */
   addPoints(seeds: readonly Seed[]): void {
     this.replay.push({ bytes: addMessage(seeds), frame: null });
-    for (const { id } of seeds) this.followed.add(id);
   }
 
   removePoints(ids: readonly number[]): void {
     this.replay.push({ bytes: removeMessage(ids), frame: null });
-    for (const id of ids) {
-      this.finalEnd.delete(id);
-      this.followed.delete(id);
-    }
+    for (const id of ids) this.finalEnd.delete(id);
   }
 
   /** No more frames come; everything becomes final. */
@@ -142,7 +131,7 @@ export class SessionState {
 
   // Frames that are sent again do not wait: a server that goes on says nothing of those that were processed before.
   private mayLeave(frame: number): boolean {
-    return !this.follows || frame - this.processed < (this.accepted?.hopFrames ?? 0) + FRAMES_BEYOND_HOP;
+    return frame - this.processed < (this.accepted?.hopFrames ?? 0) + FRAMES_BEYOND_HOP;
   }
 
   // A full buffer waits for a checkpoint. Where none can make room, the session has to do without.

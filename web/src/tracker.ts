@@ -24,7 +24,6 @@ export interface Notice {
 }
 
 const CHECKPOINT_FRAMES = 24; // between checkpoints
-const UNFOLLOWED_MS = 200; // between a camera's frames without a point: more might queue up before the first one
 
 /** Follows points through the frames of a source: what the user does, what the server says, and what there is to see. */
 export class Tracker implements Observer {
@@ -283,7 +282,7 @@ export class Tracker implements Observer {
       while (await this.turn(session)) {
         const frame = session.frames;
         if (!(await this.fetch(frame))) break;
-        await this.keepPace(session, frame);
+        await this.keepPace(frame);
         if (this.session !== session) return;
         if (this.phase.value === "running") this.sendFrame(session, connection, frame);
       }
@@ -323,11 +322,11 @@ export class Tracker implements Observer {
     return true;
   }
 
-  private async keepPace(session: SessionState, frame: number): Promise<void> {
-    const live = this.source.value?.live ?? false;
-    if (frame === 0 || (live ? session.follows : this.settings().pace === "fastest")) return;
+  // A camera has its own.
+  private async keepPace(frame: number): Promise<void> {
+    if (frame === 0 || this.source.value?.live || this.settings().pace === "fastest") return;
     const step = 1000 * (this.frames.seconds(frame) - this.frames.seconds(frame - 1));
-    const wait = this.lastSent + (live ? UNFOLLOWED_MS : step) - this.world.now();
+    const wait = this.lastSent + step - this.world.now();
     if (wait > 0) await new Promise<void>((resolve) => this.world.after(wait, resolve));
   }
 

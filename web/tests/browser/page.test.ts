@@ -122,7 +122,7 @@ test("a server that wants a token says so, and takes the one that the user gives
     await visitor.page.getByText("Serving", { exact: true }).waitFor();
     await visitor.openClip();
     await visitor.page.keyboard.press("Space");
-    await visitor.until("sent", 20); // with no point to follow, of which the server would speak
+    await visitor.until("processed", 20); // with no point to speak of
   } finally {
     await guarded.stop("SIGKILL"); // its session is still open: it would wait for that
   }
