@@ -19,14 +19,24 @@ export interface Info {
   load?: { sessions?: number; points?: string };
 }
 
+/** What the server was doing at one time. */
+export interface Load {
+  seconds: number; // since the page was opened
+  sessions: number;
+  points: number; // followed, over all sessions
+}
+
 export type Standing = "unknown" | "serving" | "loading" | "token" | "away";
 
-const POLL_MS = 5_000;
+const POLL_MS = 3_000;
+const KEPT_LOADS = 100; // five minutes
 
 /** Asks the server what it runs and how it is, again and again while the page is looked at. */
 export class ServerInfo {
   readonly info = signal<Info | null>(null);
   readonly standing = signal<Standing>("unknown");
+  /** The newest ones; empty: the server said nothing yet. */
+  readonly loads = signal<Load[]>([]);
 
   constructor(private readonly token: () => string) {}
 
@@ -42,10 +52,17 @@ export class ServerInfo {
       const token = this.token();
       const headers: HeadersInit = token ? { Authorization: `Bearer ${token}` } : {};
       const answer = await fetch("v1/info", { headers, cache: "no-store" });
-      if (answer.ok) this.info.value = (await answer.json()) as Info;
+      if (answer.ok) this.take((await answer.json()) as Info);
       this.standing.value = answer.ok ? "serving" : answer.status === 401 ? "token" : answer.status === 503 ? "loading" : "away";
     } catch {
       this.standing.value = "away";
     }
+  }
+
+  private take(info: Info): void {
+    const { sessions = 0, points = "0" } = info.load ?? {}; // JSON has no zeros
+    const load = { seconds: performance.now() / 1000, sessions, points: Number(points) };
+    this.info.value = info;
+    this.loads.value = [...this.loads.value.slice(1 - KEPT_LOADS), load];
   }
 }

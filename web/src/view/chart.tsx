@@ -5,49 +5,31 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import * as page from "../page";
 
-const { tracker } = page;
+const { tracker, server } = page;
 const HEIGHT = 110; // CSS pixels
+const LOAD_HEIGHT = 26;
 
-function makeChart(host: HTMLElement): uPlot {
-  const style = getComputedStyle(host);
-  const color = (name: string) => style.getPropertyValue(name).trim();
-  const axis = { stroke: color("--text-soft"), font: "11px system-ui, sans-serif", ticks: { show: false } };
-  const grid = { stroke: color("--line"), width: 1 };
-  return new uPlot(
-    {
-      width: host.clientWidth,
-      height: HEIGHT,
-      padding: [8, 6, 0, 0],
-      legend: { show: false },
-      cursor: { show: false },
-      scales: { x: { time: false, range: (_chart, low, high) => (low === null ? [0, 48] : [low, Math.max(high, low + 8)]) }, y: { range: (_chart, _low, high) => [0, Math.max(100, high * 1.1)] } },
-      axes: [{ ...axis, size: 22, grid: { show: false } }, { ...axis, size: 44, grid, values: (_chart, ms) => ms.map(inWords) }],
-      series: [{}, { stroke: color("--accent"), width: 1.5, fill: color("--accent-faint"), points: { show: false } }],
-    },
-    [[], []],
-    host,
-  );
-}
+type Style = (name: string) => string; // a custom property of the page's style
 
-const inWords = (ms: number) => (ms >= 1000 ? `${ms / 1000} s` : `${ms} ms`);
-
-/** How long each frame waited for its first estimate. */
-export function LatencyChart() {
+/** A place on the page that holds a chart: in the page's colours, as wide as the place, with the newest data. */
+function useChart(height: number, options: (style: Style) => Partial<uPlot.Options>, data: () => uPlot.AlignedData) {
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => {
+    const place = host.current!;
     let chart: uPlot | null = null;
     const stopTheme = effect(() => {
       void page.theme.value;
       chart?.destroy();
-      chart = makeChart(host.current!);
+      const style = getComputedStyle(place);
+      const plain = { width: place.clientWidth, height, legend: { show: false }, cursor: { show: false }, series: [] };
+      chart = new uPlot({ ...plain, ...options((name) => style.getPropertyValue(name).trim()) }, [[], []], place);
     });
     const stopData = effect(() => {
-      void [tracker.revision.value, page.theme.value];
-      const { latencies } = tracker.figures;
-      chart?.setData([latencies.map(([frame]) => frame), latencies.map(([, ms]) => ms)]);
+      void page.theme.value;
+      chart?.setData(data());
     });
-    const resize = new ResizeObserver(([entry]) => chart?.setSize({ width: entry!.contentRect.width, height: HEIGHT }));
-    resize.observe(host.current!);
+    const resize = new ResizeObserver(([entry]) => chart?.setSize({ width: entry!.contentRect.width, height }));
+    resize.observe(place);
     return () => {
       resize.disconnect();
       stopTheme();
@@ -55,5 +37,55 @@ export function LatencyChart() {
       chart?.destroy();
     };
   }, []);
+  return host;
+}
+
+const line = (style: Style) => ({ stroke: style("--accent"), width: 1.5, fill: style("--accent-faint"), points: { show: false } });
+
+const inWords = (ms: number) => (ms >= 1000 ? `${ms / 1000} s` : `${ms} ms`);
+
+function latencyOptions(style: Style): Partial<uPlot.Options> {
+  const axis = { stroke: style("--text-soft"), font: "11px system-ui, sans-serif", ticks: { show: false } };
+  const grid = { stroke: style("--line"), width: 1 };
+  return {
+    padding: [8, 6, 0, 0],
+    scales: { x: { time: false, range: (_chart, low, high) => (low === null ? [0, 48] : [low, Math.max(high, low + 8)]) }, y: { range: (_chart, _low, high) => [0, Math.max(100, high * 1.1)] } },
+    axes: [{ ...axis, size: 22, grid: { show: false } }, { ...axis, size: 44, grid, values: (_chart, ms) => ms.map(inWords) }],
+    series: [{}, line(style)],
+  };
+}
+
+/** How long each frame waited for its first estimate. */
+export function LatencyChart() {
+  const host = useChart(HEIGHT, latencyOptions, () => {
+    void tracker.revision.value;
+    const { latencies } = tracker.figures;
+    return [latencies.map(([frame]) => frame), latencies.map(([, ms]) => ms)];
+  });
   return <div class="chart" ref={host} role="img" aria-label="Latency of the newest frames" />;
+}
+
+function loadOptions(style: Style): Partial<uPlot.Options> {
+  return {
+    padding: [2, 0, 2, 0],
+    scales: { x: { time: false, range: (_chart, _low, high) => [(high ?? 0) - 60, high ?? 0] }, y: { range: (_chart, _low, high) => [0, Math.max(1, high)] } },
+    axes: [{ show: false }, { show: false }],
+    series: [{}, line(style)],
+  };
+}
+
+/** What the server has to do for all of its clients: points followed over the last minute. */
+export function LoadChart() {
+  const host = useChart(LOAD_HEIGHT, loadOptions, () => {
+    const loads = server.loads.value;
+    return [loads.map(({ seconds }) => seconds), loads.map(({ points }) => points)];
+  });
+  const now = server.loads.value.at(-1);
+  const words = now ? `${now.sessions} ${now.sessions === 1 ? "session" : "sessions"}, ${now.points} points` : "";
+  return (
+    <>
+      <div class="load" ref={host} role="img" aria-label="Points that the server follows, over the last minute" />
+      <span class="load-now">{words}</span>
+    </>
+  );
 }

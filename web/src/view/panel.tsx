@@ -7,15 +7,20 @@ import { toCvat } from "../exports/cvat";
 import { toNpz } from "../exports/npz";
 import { to3de, toCsv, toDeepLabCut, toJson } from "../exports/text";
 import * as page from "../page";
-import { LatencyChart } from "./chart";
+import { LatencyChart, LoadChart } from "./chart";
 import { Icon, IconButton } from "./icons";
 
 const { tracker, server, settings } = page;
 
-function Card({ title, open, children }: { title: string; open?: boolean; children: ComponentChildren }) {
+function Card({ title, open, beside, children }: {
+  title: string;
+  open?: boolean;
+  beside?: ComponentChildren; // its title, also while it is closed
+  children: ComponentChildren;
+}) {
   return (
     <details class="card" open={open}>
-      <summary><h2>{title}</h2></summary>
+      <summary><h2>{title}</h2>{beside}</summary>
       <div class="card-body">{children}</div>
     </details>
   );
@@ -231,7 +236,7 @@ function Server() {
   ] : [];
   if (accepted) facts.push(["this session", accepted.sessionId], ["its trace", accepted.traceId]);
   return (
-    <Card title="Server" open={standing === "token"}>
+    <Card title="Server" open={standing === "token"} beside={<LoadChart />}>
       {standing !== "serving" && <p class="soft">{STANDINGS[standing]}.</p>}
       <dl class="facts">
         {facts.filter(([, value]) => value).map(([name, value]) => [<dt key={name}>{name}</dt>, <dd key={`${name}:`} title={value}>{value}</dd>])}
