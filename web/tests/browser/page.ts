@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { readFileSync } from "node:fs";
-import { type Browser, type BrowserContextOptions, chromium, type Page } from "playwright-core";
+import { type Browser, chromium, type Page } from "playwright-core";
 import { expect } from "vitest";
 
 export const launch = (): Promise<Browser> =>
@@ -30,8 +30,10 @@ export class Visitor {
     page.on("websocket", (socket) => this.visited.add(new URL(socket.url().replace(/^ws/, "http")).origin));
   }
 
-  static async at(browser: Browser, url: string, options: BrowserContextOptions = {}): Promise<Visitor> {
-    const page = await browser.newPage({ viewport: { width: 1280, height: 800 }, colorScheme: "light", ...options });
+  /** With `script`, which runs before those of the page. */
+  static async at(browser: Browser, url: string, script = ""): Promise<Visitor> {
+    const page = await browser.newPage({ viewport: { width: 1280, height: 800 }, colorScheme: "light" });
+    await page.addInitScript(script);
     const visitor = new Visitor(page);
     await page.goto(url + SETTINGS);
     return visitor;
