@@ -1,5 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
+import { lineOf } from "./brush";
+import type { ObjectTrack } from "./objects";
+import type { Stroke } from "./points";
 import type { Track } from "./tracks";
+
+/** All that there is to paint. */
+export interface Scene {
+  tracks: Iterable<Track>;
+  objects: Iterable<ObjectTrack>;
+}
 
 /** How tracks are painted over a frame. */
 export interface Look {
@@ -19,11 +28,12 @@ const HELD_FRAMES = 48; // for so long a point without a newer estimate is shown
 const DIMMED_AFTER = 12; // and paler when it is older than what the network is usually behind
 const DARK = "rgb(10 14 20 / 0.75)";
 const RIM = "rgb(10 14 20 / 0.35)";
+const LEFT = "#ff8a7d"; // points that have left their object
 // From no confidence to full: told apart in grey and by all kinds of colour vision.
 const RAMP: [number, number, number][] = [[197, 42, 84], [232, 106, 52], [245, 178, 60], [214, 226, 117], [120, 222, 196]];
 
 /** Steps of the golden ratio keep neighbours apart, however many there are. */
-export function colorOf(track: Track): string {
+export function colorOf(track: { order: number }): string {
   const hue = (0.08 + track.order * GOLDEN_RATIO) % 1;
   return `hsl(${(360 * hue).toFixed(1)} 95% 62%)`;
 }
@@ -35,22 +45,26 @@ export function confidenceColor(confidence: number): string {
   return `rgb(${mixed.join(" ")})`;
 }
 
-/** Paints the tracks as they are on a frame: trails first, the oldest part the faintest. */
-export function paintTracks(context: Context, tracks: Iterable<Track>, frame: number, look: Look): void {
-  const all = [...tracks];
+/** Paints what there is as it is on a frame: trails first, the oldest part the faintest. */
+export function paintScene(context: Context, scene: Scene, frame: number, look: Look): void {
+  const [tracks, objects] = [[...scene.tracks], [...scene.objects]];
   context.lineCap = context.lineJoin = "round";
-  if (look.trail > 0) for (const track of all) paintTrail(context, track, frame, look);
-  for (const track of all) paintPoint(context, track, frame, look);
+  for (const object of objects) paintOutline(context, object, frame, look);
+  for (const path of [...tracks.filter((track) => !track.object), ...objects]) {
+    if (look.trail > 0) paintTrail(context, path, frame, look);
+  }
+  for (const track of tracks) (track.object ? paintMember : paintPoint)(context, track, frame, look);
+  for (const object of objects) paintCentre(context, object, frame, look);
   context.setLineDash([]);
   context.globalAlpha = 1;
 }
 
 const placed = (value: number, look: Look) => (value + 0.5) * look.scale; // (0, 0) is the first pixel's centre
 
-const strokeOf = (track: Track, frame: number, look: Look) =>
+const strokeOf = (track: Track | ObjectTrack, frame: number, look: Look) =>
   look.confidence ? confidenceColor(track.confidence(frame)) : colorOf(track);
 
-function paintTrail(context: Context, track: Track, frame: number, look: Look): void {
+function paintTrail(context: Context, track: Track | ObjectTrack, frame: number, look: Look): void {
   const begin = Math.max(track.start, frame - look.trail);
   frame = Math.min(frame, track.end - 1); // the newest part is where the estimates end
   context.lineWidth = (look.selected === track.id ? 3 : 2.2) * look.unit;
@@ -63,7 +77,7 @@ function paintTrail(context: Context, track: Track, frame: number, look: Look): 
 }
 
 // Frames of one look, from t on; returns where they end.
-function paintStretch(context: Context, track: Track, t: number, to: number, look: Look): number {
+function paintStretch(context: Context, track: Track | ObjectTrack, t: number, to: number, look: Look): number {
   if (!track.has(t)) return t + 1;
   const final = track.isFinal(t);
   context.beginPath();
@@ -84,13 +98,19 @@ function paintStretch(context: Context, track: Track, t: number, to: number, loo
   return Math.max(t, first + 1);
 }
 
-function paintPoint(context: Context, track: Track, frame: number, look: Look): void {
+/** The frame whose estimate is shown on this one, or -1; paler where it is old. */
+function shownAt(context: Context, track: Track | ObjectTrack, frame: number): number {
   const at = track.newest(frame);
-  if (at < 0 || frame - at > HELD_FRAMES) return;
+  context.globalAlpha = frame - at <= DIMMED_AFTER ? 1 : 0.55;
+  return frame - at > HELD_FRAMES ? -1 : at;
+}
+
+function paintPoint(context: Context, track: Track, frame: number, look: Look): void {
+  const at = shownAt(context, track, frame);
+  if (at < 0) return;
   const [x, y] = [placed(track.x(at), look), placed(track.y(at), look)];
   const [radius, color] = [5 * look.unit, strokeOf(track, at, look)];
   const visible = track.visible(at);
-  context.globalAlpha = frame - at <= DIMMED_AFTER ? 1 : 0.55;
   context.setLineDash([]);
   disc(context, x, y, radius + 1.6 * look.unit, DARK);
   if (visible) disc(context, x, y, radius - (track.isFinal(at) ? 0 : 1.8 * look.unit), color);
@@ -100,6 +120,86 @@ function paintPoint(context: Context, track: Track, frame: number, look: Look): 
   context.globalAlpha = 1;
   ring(context, x, y, radius + 4 * look.unit, "#fff", 1.8 * look.unit, []);
   if (track.id === look.selected) label(context, track.name, x + radius + 8 * look.unit, y, look.unit);
+}
+
+// A point of an object: smaller than one that the user placed, and a cross where it has left.
+function paintMember(context: Context, track: Track, frame: number, look: Look): void {
+  const at = shownAt(context, track, frame);
+  if (at < 0) return;
+  const [x, y, unit] = [placed(track.x(at), look), placed(track.y(at), look), look.unit];
+  const color = strokeOf(track, at, look);
+  if (track.object!.hasLeft(track.id, at)) return cross(context, x, y, unit);
+  disc(context, x, y, 3.4 * unit, DARK);
+  if (track.visible(at)) disc(context, x, y, 2.3 * unit, color);
+  else ring(context, x, y, 2.2 * unit, color, unit, []);
+}
+
+function cross(context: Context, x: number, y: number, unit: number): void {
+  context.setLineDash([]);
+  for (const [style, width] of [[DARK, 4.6], [LEFT, 2.2]] as const) {
+    context.beginPath();
+    for (const way of [1, -1]) {
+      context.moveTo(x - 4.5 * unit, y - 4.5 * way * unit);
+      context.lineTo(x + 4.5 * unit, y + 4.5 * way * unit);
+    }
+    context.strokeStyle = style;
+    context.lineWidth = width * unit;
+    context.stroke();
+  }
+}
+
+function paintOutline(context: Context, object: ObjectTrack, frame: number, look: Look): void {
+  const at = shownAt(context, object, frame);
+  if (at < 0) return;
+  const chosen = object.id === look.selected || object.id === look.hovered;
+  const [alpha, color] = [context.globalAlpha, strokeOf(object, at, look)];
+  context.beginPath();
+  for (const [x, y] of object.at(at)!.outline) context.lineTo(placed(x, look), placed(y, look));
+  context.closePath();
+  context.globalAlpha = alpha * (chosen ? 0.2 : 0.09);
+  context.fillStyle = color;
+  context.fill();
+  context.globalAlpha = alpha;
+  context.setLineDash(object.isFinal(at) ? [] : [5 * look.unit, 5 * look.unit]);
+  for (const [style, width] of [[DARK, 3.6], [color, 1.8]] as const) {
+    context.strokeStyle = style;
+    context.lineWidth = (chosen ? width + 0.8 : width) * look.unit;
+    context.stroke();
+  }
+}
+
+// A gauge: the part of its ring that is bright is the share of the object that is in sight.
+function paintCentre(context: Context, object: ObjectTrack, frame: number, look: Look): void {
+  const at = shownAt(context, object, frame);
+  if (at < 0) return;
+  const [x, y, unit] = [placed(object.x(at), look), placed(object.y(at), look), look.unit];
+  const share = object.confidence(at);
+  context.setLineDash([]);
+  disc(context, x, y, 9.5 * unit, DARK);
+  ring(context, x, y, 6.5 * unit, "rgb(255 255 255 / 0.28)", 3 * unit, []);
+  context.beginPath();
+  context.arc(x, y, 6.5 * unit, -Math.PI / 2, (2 * share - 0.5) * Math.PI);
+  context.lineWidth = 3 * unit;
+  context.strokeStyle = strokeOf(object, at, look);
+  if (share > 0) context.stroke();
+  disc(context, x, y, 1.8 * unit, "#fff");
+  if (object.id !== look.selected && object.id !== look.hovered) return;
+  context.globalAlpha = 1;
+  ring(context, x, y, 11 * unit, "#fff", 1.8 * unit, []);
+  label(context, `${object.name}, ${Math.round(100 * share)} % seen`, x + 16 * unit, y, unit);
+}
+
+/** What a stroke of the brush covers. */
+export function paintStroke(context: Context, stroke: Stroke, color: string, look: Look): void {
+  context.beginPath();
+  for (const { x, y } of lineOf(stroke)) context.lineTo(placed(x, look), placed(y, look));
+  context.setLineDash([]);
+  context.lineCap = context.lineJoin = "round";
+  context.lineWidth = 2 * stroke.radius * look.scale;
+  context.strokeStyle = color;
+  context.globalAlpha = 0.4;
+  context.stroke();
+  context.globalAlpha = 1;
 }
 
 /** Where a point was placed and nothing is known of it yet. */

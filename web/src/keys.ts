@@ -23,13 +23,13 @@ export const KEYS: Key[] = [
   { keys: ["Home"], shown: "Home End", does: "the first frame, the newest and those to come", run: () => tracker.show(0) },
   { keys: ["End"], run: () => tracker.follow() },
   { keys: ["p"], shown: "P", does: "place points one by one", run: () => (page.tool.value = "point") },
-  { keys: ["b"], shown: "B", does: "brush points over an object", run: () => (page.tool.value = "brush") },
+  { keys: ["b"], shown: "B", does: "brush over an object", run: () => (page.tool.value = "brush") },
   { keys: ["["], shown: "[ ]", does: "a smaller brush, a larger one", run: () => page.resizeBrush(1 / 1.25) },
   { keys: ["]"], run: () => page.resizeBrush(1.25) },
   { keys: ["g"], shown: "G", does: "add a grid of points", run: page.addGrid },
-  { keys: ["n"], shown: "N", does: "select the next point; with Shift the one before", run: () => page.selectNext(1) },
+  { keys: ["n"], shown: "N", does: "select the next point or object; with Shift the one before", run: () => page.selectNext(1) },
   { keys: ["Shift+N"], run: () => page.selectNext(-1) },
-  { keys: ["Delete", "Backspace"], shown: "Del", does: "remove the selected point", run: page.removeSelected },
+  { keys: ["Delete", "Backspace"], shown: "Del", does: "remove the selected point or object", run: page.removeSelected },
   { keys: ["Escape"], shown: "Esc", does: "select nothing", run: () => (page.selected.value = null) },
   { keys: ["c"], shown: "C", does: "colour by confidence, or by point", run: () => page.change({ confidence: !page.settings.value.confidence }) },
   { keys: ["0"], shown: "0", does: "show the whole frame", run: () => void ++page.zoomReset.value },
@@ -44,7 +44,10 @@ export function listenToKeys(): void {
   addEventListener("keydown", (event) => {
     const target = event.target as HTMLElement;
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || target.closest(TYPING)) return;
-    if (page.helpOpen.value && event.key !== "?") return;
+    if (page.helpOpen.value && event.key !== "?") {
+      if (event.key === "Escape") page.helpOpen.value = false; // the dialog says so too, a moment later
+      return;
+    }
     if ((event.key === " " || event.key === "Enter") && target.closest("button, summary, a")) return;
     const name = event.shiftKey && event.key.length > 1 ? `Shift+${event.key}` : event.key;
     const key = KEYS.find(({ keys }) => keys.includes(name) || keys.includes(event.shiftKey ? `Shift+${name}` : name));

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+import type { ObjectTrack } from "./objects";
 import type { Track } from "./tracks";
+
+export type Lane = Track | ObjectTrack;
 
 /** Frames first .. last of a track that look alike in its lane. */
 export interface Stretch {
@@ -10,7 +13,7 @@ export interface Stretch {
 }
 
 /** A track between two frames, as stretches of one look. */
-export function stretches(track: Track, from: number, to: number): Stretch[] {
+export function stretches(track: Lane, from: number, to: number): Stretch[] {
   const found: Stretch[] = [];
   let open: Stretch | null = null;
   for (let t = Math.max(from, track.start); t <= Math.min(to, track.end - 1); ++t) {

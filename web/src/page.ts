@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import { effect, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import type { World } from "./connection";
 import { subprotocols } from "./connection";
 import { ServerInfo } from "./server_info";
@@ -9,9 +9,12 @@ import { openPictures } from "./sources/pictures";
 import type { Encoding } from "./sources/source";
 import { openVideo } from "./sources/video";
 import { Tracker } from "./tracker";
-import { grid } from "./brush";
+import { grid, maskOf } from "./brush";
+import type { Stroke } from "./points";
 
 const GRID_POINTS = 64;
+const LARGEST_BRUSH = 200; // pixels
+const SMALLEST_BRUSH = 1 / 64; // of a frame's longer side: what it covers has room for some points
 const CLIP = "clip.mp4";
 
 export type Tool = "point" | "brush";
@@ -20,7 +23,7 @@ export type Theme = "light" | "dark";
 export const settings = settingsOfPage();
 export const token = signal(sessionStorage.getItem("token") ?? "");
 export const tool = signal<Tool>("point");
-export const brush = signal({ radius: 24, count: 16 }); // pixels of the frame; points of a stroke
+export const brush = signal({ radius: 24, count: 24 }); // pixels of the frame; points of an object, at most
 export const selected = signal<number | null>(null);
 export const hovered = signal<number | null>(null);
 export const helpOpen = signal(false);
@@ -59,6 +62,12 @@ effect(() => {
   if (tracker.link.value?.state === "waiting") void server.ask();
 });
 
+export const smallestBrush = computed(() => {
+  const { width, height } = tracker.source.value ?? { width: 1, height: 1 };
+  return Math.ceil(Math.max(width, height) * SMALLEST_BRUSH);
+});
+export const brushRadius = computed(() => Math.max(brush.value.radius, smallestBrush.value));
+
 const encoding = (): Encoding => ({ maxSide: settings.value.side, quality: settings.value.quality / 100 });
 
 function load(open: Parameters<Tracker["load"]>[0]): Promise<void> {
@@ -88,20 +97,34 @@ export function addGrid(): void {
   if (source) tracker.add(grid(GRID_POINTS, source.width, source.height));
 }
 
-export function removeSelected(): void {
-  const id = selected.value;
-  if (id !== null) removePoint(id);
+/** Follows what a stroke of the brush went over. */
+export async function addObject(path: Stroke["path"]): Promise<void> {
+  const source = tracker.source.value!;
+  const stroke = { path, radius: brushRadius.value };
+  tracker.hold(true);
+  try {
+    const mask = await maskOf(stroke, source.width, source.height);
+    if (source !== tracker.source.value) return; // another one was asked for meanwhile
+    selected.value = tracker.addObject(stroke, mask, brush.value.count) ?? selected.value;
+  } finally {
+    tracker.hold(false);
+  }
 }
 
-export function removePoint(id: number): void {
+export function removeSelected(): void {
+  if (selected.value !== null) remove(selected.value);
+}
+
+/** A point or an object. */
+export function remove(id: number): void {
   tracker.remove([id]);
   if (selected.value === id) selected.value = null;
   if (hovered.value === id) hovered.value = null;
 }
 
-/** Selects the next point, in the order in which they were made. */
+/** Selects the next point or object, in the order in which they were made. */
 export function selectNext(step: number): void {
-  const ids = [...tracker.points.all].map(({ id }) => id);
+  const ids = [...tracker.points.all, ...tracker.points.objects].map(({ id }) => id).sort((a, b) => a - b);
   if (ids.length === 0) return;
   const at = selected.value === null ? (step > 0 ? -1 : 0) : ids.indexOf(selected.value);
   selected.value = ids[(at + step + ids.length) % ids.length]!;
@@ -112,6 +135,6 @@ export function change(part: Partial<typeof settings.value>): void {
 }
 
 export function resizeBrush(factor: number): void {
-  const radius = Math.round(Math.min(200, Math.max(4, brush.value.radius * factor)));
+  const radius = Math.round(Math.min(LARGEST_BRUSH, Math.max(smallestBrush.value, brushRadius.value * factor)));
   brush.value = { ...brush.value, radius };
 }

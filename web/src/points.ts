@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Seed } from "./wire";
+import type { ObjectSeed, Seed } from "./wire";
 
 /** Where a point was placed by hand. */
 export interface Placed {
@@ -15,27 +15,66 @@ export interface Point {
   placed: Placed[]; // by frame
 }
 
+/** What a stroke of the brush covers. */
+export interface Stroke {
+  path: readonly { x: number; y: number }[];
+  radius: number; // pixels of the frames sent
+}
+
+/** An object as the user painted it. The `count` ids after its own are those of its points. */
+export interface PaintedObject {
+  id: number;
+  name: string;
+  frame: number; // that it begins on
+  shown: number; // that it was painted on: `frame`, or one before, where that had been sent
+  stroke: Stroke;
+  mask: Uint8Array; // a PNG
+  count: number;
+}
+
 /** What the user asked for, apart from what came of it: a video can be tracked again with it. */
 export class Points {
   private byId = new Map<number, Point>();
-  private lastId = 0;
+  private objectsById = new Map<number, PaintedObject>();
+  private lastId = 0; // ids are never used again, so that late results of what was removed meet nobody
 
   get all(): Iterable<Point> {
     return this.byId.values();
   }
+  get objects(): Iterable<PaintedObject> {
+    return this.objectsById.values();
+  }
   get size(): number {
     return this.byId.size;
+  }
+  get objectCount(): number {
+    return this.objectsById.size;
+  }
+  /** Points that there may be, with those of objects. */
+  get most(): number {
+    return [...this.objects].reduce((sum, { count }) => sum + count, this.size);
   }
 
   get(id: number): Point | undefined {
     return this.byId.get(id);
   }
+  getObject(id: number): PaintedObject | undefined {
+    return this.objectsById.get(id);
+  }
 
   add(frame: number, x: number, y: number): Point {
-    const id = ++this.lastId; // never used again, so that late results of a removed point meet nobody
+    const id = ++this.lastId;
     const point = { id, name: String(id), placed: [{ frame, x, y }] };
     this.byId.set(id, point);
     return point;
+  }
+
+  addObject(painted: Omit<PaintedObject, "id" | "name">): PaintedObject {
+    const id = ++this.lastId;
+    this.lastId += painted.count;
+    const object = { ...painted, id, name: `Object ${id}` };
+    this.objectsById.set(id, object);
+    return object;
   }
 
   /** Corrects a point on this frame. */
@@ -47,10 +86,12 @@ export class Points {
 
   remove(id: number): void {
     this.byId.delete(id);
+    this.objectsById.delete(id);
   }
 
   clear(): void {
     this.byId.clear();
+    this.objectsById.clear();
     this.lastId = 0;
   }
 
@@ -62,5 +103,11 @@ export class Points {
       if (here) seeds.push({ id, x: here.x, y: here.y });
     }
     return seeds;
+  }
+
+  /** What is to be sent with it besides. */
+  objectsOn(frame: number): ObjectSeed[] {
+    const here = [...this.objects].filter((object) => object.frame === frame);
+    return here.map(({ id, mask, count }) => ({ id, mask, points: count }));
   }
 }

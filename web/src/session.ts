@@ -5,20 +5,24 @@ import {
   configMessage,
   finishMessage,
   frameMessage,
+  type ObjectRun,
+  type ObjectSeed,
   type Problem,
   removeMessage,
   type Run,
   type Seed,
   type SessionAccepted,
   type SessionConfig,
+  toObjectRun,
   toProblem,
   toRun,
   type TrackResponse,
+  type Tracks,
 } from "./wire";
 
 /** What a response means to the page. */
 export type Answer =
-  | { kind: "tracks"; runs: Run[]; received: number; processed: number }
+  | { kind: "tracks"; runs: Run[]; objects: ObjectRun[]; received: number; processed: number }
   | { kind: "checkpoint"; nextFrame: number; resumable: boolean }
   | { kind: "warning"; text: string }
   | { kind: "goingAway"; seconds: number }
@@ -27,6 +31,34 @@ export type Answer =
   | { kind: "nothing" };
 
 const FRAMES_BEYOND_HOP = 4; // that may be under way to the server, so that it never waits for the next one
+
+/** What is final of a session's points, or of its objects: it comes once, however often servers repeat it. */
+class Finals {
+  private ends = new Map<number, number>(); // of each, the frames before this one are final
+  private repeated = new Map<number, number>(); // as of the last resume: what is before comes again
+
+  resume(): void {
+    this.repeated = new Map(this.ends);
+  }
+
+  /** So many frames at the beginning of a run are known. */
+  known({ id, firstFrame }: { id: number; firstFrame: number }, length: number): number {
+    return Math.min(Math.max((this.repeated.get(id) ?? 0) - firstFrame, 0), length);
+  }
+
+  note({ id, firstFrame, finalCount }: { id: number; firstFrame: number; finalCount: number }): void {
+    if (finalCount > 0) this.ends.set(id, Math.max(this.ends.get(id) ?? 0, firstFrame + finalCount));
+  }
+
+  forget(id: number): void {
+    this.ends.delete(id);
+  }
+
+  /** Nothing of frames before this one comes again. */
+  forgetBefore(frame: number): void {
+    for (const [id, end] of this.ends) if (end <= frame) this.ends.delete(id);
+  }
+}
 
 /**
  * A session as its client sees it, without a network: what is to be sent, what may have to be sent again, and what came
@@ -40,8 +72,8 @@ export class SessionState {
   private token: Uint8Array = new Uint8Array();
   private nextIndex = 0;
   private finished = false;
-  private finalEnd = new Map<number, number>(); // of each point, the frames before this one are final
-  private repeated = new Map<number, number>(); // as of the last resume: what is before comes again
+  private finals = new Finals();
+  private objectFinals = new Finals();
 
   constructor(
     readonly config: SessionConfig,
@@ -66,9 +98,10 @@ export class SessionState {
       this.hasRoom();
   }
 
-  pushFrame(data: Uint8Array, seeds: readonly Seed[]): void {
+  /** The next frame, with the points and objects that begin on it. */
+  pushFrame(data: Uint8Array, seeds: readonly Seed[], objects: readonly ObjectSeed[] = []): void {
     const frame = this.nextIndex++;
-    this.replay.push({ bytes: frameMessage(frame, data, seeds), frame });
+    this.replay.push({ bytes: frameMessage(frame, data, seeds, objects), frame });
   }
 
   /** Points on the newest frame; known ones begin anew there. */
@@ -76,9 +109,10 @@ export class SessionState {
     this.replay.push({ bytes: addMessage(seeds), frame: null });
   }
 
+  /** An object goes with the last one of its points. */
   removePoints(ids: readonly number[]): void {
     this.replay.push({ bytes: removeMessage(ids), frame: null });
-    for (const id of ids) this.finalEnd.delete(id);
+    for (const id of ids) this.finals.forget(id);
   }
 
   /** No more frames come; everything becomes final. */
@@ -102,18 +136,15 @@ export class SessionState {
   begin(accepted: SessionAccepted): boolean {
     if (!this.accepted) this.settle(accepted);
     this.accepted = accepted;
-    this.repeated = new Map(this.finalEnd);
+    this.finals.resume();
+    this.objectFinals.resume();
     return this.replay.rewind(Number(accepted.firstFrame));
   }
 
   take({ response }: TrackResponse): Answer {
     switch (response.case) {
-      case "tracks": {
-        const runs = response.value.runs.map((run) => this.unknownPart(toRun(run))).filter((run) => run.x.length > 0);
-        for (const run of runs) this.noteFinal(run);
-        this.processed = Math.max(this.processed, Number(response.value.framesProcessed));
-        return { kind: "tracks", runs, received: Number(response.value.framesReceived), processed: this.processed };
-      }
+      case "tracks":
+        return this.takeTracks(response.value);
       case "checkpoint":
         return this.takeCheckpoint(response.value.token, Number(response.value.nextFrame), response.value.resumable);
       case "warning":
@@ -150,25 +181,30 @@ export class SessionState {
     if (accepted.replayFrames === 0) this.replay.keepNothing();
   }
 
-  // Final estimates come once, however often servers repeat them.
+  private takeTracks(tracks: Tracks): Answer {
+    const runs = tracks.runs.map((run) => this.unknownPart(toRun(run))).filter((run) => run.x.length > 0);
+    const objects = tracks.objects.map((run) => this.unknownObjectPart(toObjectRun(run))).filter((run) => run.samples.length > 0);
+    for (const run of runs) this.finals.note(run);
+    for (const run of objects) this.objectFinals.note(run);
+    this.processed = Math.max(this.processed, Number(tracks.framesProcessed));
+    return { kind: "tracks", runs, objects, received: Number(tracks.framesReceived), processed: this.processed };
+  }
+
   private unknownPart(run: Run): Run {
-    const drop = Math.min(Math.max((this.repeated.get(run.id) ?? 0) - run.firstFrame, 0), run.x.length);
+    const drop = this.finals.known(run, run.x.length);
     if (drop === 0) return run;
     return {
-      id: run.id,
-      firstFrame: run.firstFrame + drop,
+      ...without(run, drop),
       x: run.x.slice(drop),
       y: run.y.slice(drop),
       visible: run.visible.slice(drop),
       confidence: run.confidence.slice(drop),
-      finalCount: Math.max(run.finalCount - drop, 0),
     };
   }
 
-  private noteFinal(run: Run): void {
-    if (run.finalCount === 0) return;
-    const end = run.firstFrame + run.finalCount;
-    this.finalEnd.set(run.id, Math.max(this.finalEnd.get(run.id) ?? 0, end));
+  private unknownObjectPart(run: ObjectRun): ObjectRun {
+    const drop = this.objectFinals.known(run, run.samples.length);
+    return { ...without(run, drop), samples: run.samples.slice(drop) };
   }
 
   private takeCheckpoint(token: Uint8Array, nextFrame: number, resumable: boolean): Answer {
@@ -179,8 +215,14 @@ export class SessionState {
     }
     if (!this.replay.dropBefore(nextFrame)) return { kind: "nothing" };
     const oldest = nextFrame - (this.accepted?.windowFrames ?? 0);
-    for (const [id, end] of this.finalEnd) if (end <= oldest) this.finalEnd.delete(id);
+    this.finals.forgetBefore(oldest);
+    this.objectFinals.forgetBefore(oldest);
     this.token = token;
     return { kind: "checkpoint", nextFrame, resumable };
   }
+}
+
+/** What a run says of its frames, without the first of them. */
+function without<T extends Run | ObjectRun>(run: T, drop: number): T {
+  return { ...run, firstFrame: run.firstFrame + drop, finalCount: Math.max(run.finalCount - drop, 0) };
 }

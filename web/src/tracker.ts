@@ -5,12 +5,12 @@ import type { Table } from "./exports/table";
 import { Figures } from "./figures";
 import { FrameStore } from "./frames";
 import { Emit, FrameEncoding } from "./gen/holdfast/v1/point_tracking_pb";
-import { Points } from "./points";
+import { Points, type Stroke } from "./points";
 import { type Answer, SessionState } from "./session";
 import type { Settings } from "./settings";
 import type { Source } from "./sources/source";
 import { TrackStore } from "./tracks";
-import { makeConfig, type Run, type SessionAccepted } from "./wire";
+import { makeConfig, objectPointId, type ObjectRun, type Run, type SessionAccepted } from "./wire";
 
 /**
  * empty -> loading -> ready -> running <-> paused -> finishing -> done; failed from any of them. A run can begin anew
@@ -41,7 +41,7 @@ export class Tracker implements Observer {
   readonly following = signal(true); // it is the newest one sent
   readonly playing = signal(false); // through frames that were sent before
   readonly revision = signal(0); // of points and tracks
-  /** Points were placed on frames that had been sent: they are followed when the run begins anew. */
+  /** Points or objects were placed on frames that had been sent: they are followed when the run begins anew. */
   readonly stale = signal(false);
   readonly active = computed(() => ["running", "paused", "finishing"].includes(this.phase.value));
 
@@ -59,6 +59,7 @@ export class Tracker implements Observer {
   private connection: Connection | null = null;
   private wakers: (() => void)[] = [];
   private stopping = false;
+  private held = false;
   private loads = 0; // so many sources were asked for
   private lastSent = -Infinity;
 
@@ -108,8 +109,9 @@ export class Tracker implements Observer {
     this.playing.value = false;
     this.tracks = new TrackStore();
     this.figures = new Figures();
-    for (const point of this.points.all) {
-      this.tracks.seed(point.id, point.placed[0]!.frame).name = point.name;
+    for (const made of [...this.points.all, ...this.points.objects].sort((a, b) => a.id - b.id)) {
+      if ("placed" in made) this.tracks.seed(made.id, made.placed[0]!.frame).name = made.name;
+      else this.tracks.seedObject(made.id, made.frame, made.name);
     }
     this.session = new SessionState(this.config());
     this.connection = new Connection(this.session, this.world, this);
@@ -161,15 +163,33 @@ export class Tracker implements Observer {
   add(positions: readonly { x: number; y: number }[]): number[] {
     const frame = this.shown.value;
     if (frame < 0 || !this.source.value) return [];
-    const most = this.accepted.value?.limits?.maxPoints ?? Infinity;
-    if (this.points.size + positions.length > most) {
-      this.say(`This server follows at most ${most} points in a session.`, true);
-      return [];
-    }
+    if (!this.hasRoom(positions.length, 0)) return [];
     const seeds = positions.map((at) => this.points.add(frame, ...this.inside(at)));
     for (const { id } of seeds) this.tracks.seed(id, frame);
     this.tell(frame, seeds.map(({ id }) => id));
     return seeds.map(({ id }) => id);
+  }
+
+  /** While something is drawn no frame is sent, so that it is of the one that is shown. */
+  hold(held: boolean): void {
+    this.held = held;
+    if (!held) this.wake();
+  }
+
+  /**
+   * An object, as it was painted on the frame that is shown. A server takes objects with a frame: where that one was the
+   * newest sent, the object begins on the next. Null: there is no room for it.
+   */
+  addObject(stroke: Stroke, mask: Uint8Array, count: number): number | null {
+    const shown = this.shown.value;
+    if (shown < 0 || !this.source.value || !this.hasRoom(count, 1)) return null;
+    const newest = this.sent.value - 1;
+    const frame = shown === newest && this.takesMore ? shown + 1 : shown;
+    const { id, name } = this.points.addObject({ frame, shown, stroke, mask, count });
+    this.tracks.seedObject(id, frame, name);
+    if (frame <= newest) this.stale.value = true;
+    this.touch();
+    return id;
   }
 
   /** Says where a point is on the frame that is shown: it is followed from there on. */
@@ -180,13 +200,15 @@ export class Tracker implements Observer {
     this.tell(frame, [id]);
   }
 
+  /** Points or objects. */
   remove(ids: readonly number[]): void {
+    const told = ids.flatMap((id) => this.pointIds(id));
     for (const id of ids) {
       this.points.remove(id);
       this.tracks.remove(id);
     }
     if (this.sent.value > 0 && this.active.value && !this.stopping) {
-      this.session?.removePoints(ids);
+      this.session?.removePoints(told);
       this.connection?.flush();
     }
     this.touch();
@@ -222,14 +244,14 @@ export class Tracker implements Observer {
 
   /** What files of the tracks are made of. */
   table(): Table {
-    const tracks = [...this.tracks.tracks];
+    const [tracks, objects] = [[...this.tracks.tracks], [...this.tracks.objects]];
     const complete = this.phase.value === "done";
     const frames = complete ? this.sent.value : Math.max(0, ...tracks.map((track) => track.end));
     const { width = 0, height = 0, live = false, fps = 30 } = this.source.value ?? {};
     const expectedFrames = complete ? frames : Math.max(this.source.value?.frames ?? 0, this.sent.value, frames);
     const measured = live && Number.isFinite(this.frames.fps) ? this.frames.fps : fps;
     const finalFrames = this.tracks.finalFrames(frames);
-    return { tracks, width, height, fps: measured, frames, complete, finalFrames, expectedFrames };
+    return { tracks, objects, width, height, fps: measured, frames, complete, finalFrames, expectedFrames };
   }
 
   // --- What the server says.
@@ -247,10 +269,11 @@ export class Tracker implements Observer {
   }
 
   onAnswer(answer: Answer): void {
-    if (answer.kind === "tracks") this.takeTracks(answer.runs, answer.processed);
+    if (answer.kind === "tracks") this.takeTracks(answer.runs, answer.objects, answer.processed);
     if (answer.kind === "warning") this.say(answer.text, true);
     if (answer.kind === "goingAway") this.say(`The server is about to stop, in ${answer.seconds} s at the latest.`);
     if (answer.kind === "summary") {
+      this.bringBackObjects();
       batch(() => {
         this.phase.value = "done";
         this.following.value = false;
@@ -264,9 +287,9 @@ export class Tracker implements Observer {
     this.wake();
   }
 
-  private takeTracks(runs: Run[], processed: number): void {
+  private takeTracks(runs: Run[], objects: ObjectRun[], processed: number): void {
     const now = this.world.now();
-    this.tracks.apply(runs);
+    this.tracks.apply(runs, objects);
     for (const run of runs) this.figures.answered(run.firstFrame, run.firstFrame + run.x.length - 1, now);
     this.figures.processed(processed, now);
     batch(() => {
@@ -284,7 +307,7 @@ export class Tracker implements Observer {
         if (!(await this.fetch(frame))) break;
         await this.keepPace(frame);
         if (this.session !== session) return;
-        if (this.phase.value === "running") this.sendFrame(session, connection, frame);
+        if (this.phase.value === "running" && !this.held) this.sendFrame(session, connection, frame);
       }
       if (this.session !== session || this.phase.value === "failed") return;
       this.phase.value = "finishing";
@@ -300,7 +323,7 @@ export class Tracker implements Observer {
   // Waits until a frame may be sent. False: there is none to send any more.
   private async turn(session: SessionState): Promise<boolean> {
     const over = () => this.session !== session || this.stopping || this.phase.value === "failed";
-    while (!over() && !(this.phase.value === "running" && session.wantsFrame)) {
+    while (!over() && !(this.phase.value === "running" && !this.held && session.wantsFrame)) {
       await new Promise<void>((resolve) => this.wakers.push(resolve));
     }
     return !over();
@@ -334,7 +357,7 @@ export class Tracker implements Observer {
     const jpeg = this.frames.jpeg(frame);
     if (!jpeg) return;
     this.lastSent = this.world.now();
-    session.pushFrame(jpeg, this.points.seedsOn(frame));
+    session.pushFrame(jpeg, this.points.seedsOn(frame), this.points.objectsOn(frame));
     connection.flush();
     this.figures.sent(frame, this.lastSent);
     batch(() => {
@@ -346,14 +369,41 @@ export class Tracker implements Observer {
   // Lets the session know of points on a frame: at once, with the frame that is yet to be sent, or not in this run.
   private tell(frame: number, ids: number[]): void {
     const newest = this.sent.value - 1;
-    const open = this.active.value && !this.stopping && this.phase.value !== "finishing";
-    if (frame === newest && open) {
+    if (frame === newest && this.takesMore) {
       this.session?.addPoints(this.points.seedsOn(frame).filter(({ id }) => ids.includes(id)));
       this.connection?.flush();
     } else if (frame <= newest) {
       this.stale.value = true;
     }
     this.touch();
+  }
+
+  // The session still hears of what is placed.
+  private get takesMore(): boolean {
+    return this.active.value && !this.stopping && this.phase.value !== "finishing";
+  }
+
+  private hasRoom(points: number, objects: number): boolean {
+    const { maxPoints = Infinity, maxObjects = Infinity } = this.accepted.value?.limits ?? {};
+    const full = this.points.most + points > maxPoints ? `${maxPoints} points`
+      : this.points.objectCount + objects > maxObjects ? `${maxObjects} objects` : null;
+    if (full) this.say(`This server follows at most ${full} in a session.`, true);
+    return !full;
+  }
+
+  // Of a point, or of all that an object may have, as messages have them.
+  private pointIds(id: number): number[] {
+    const object = this.points.getObject(id);
+    return object ? Array.from({ length: object.count }, (_, i) => objectPointId(id, i)) : [id];
+  }
+
+  // Objects that were to begin on the frame after what became the last one.
+  private bringBackObjects(): void {
+    for (const object of this.points.objects) {
+      if (object.frame < this.sent.value) continue;
+      object.frame = object.shown;
+      this.stale.value = true;
+    }
   }
 
   // --- Looking at what was.
@@ -428,6 +478,7 @@ export class Tracker implements Observer {
 
   private close(): void {
     this.endSession();
+    this.held = false;
     this.source.value?.close();
     this.frames.clear();
     this.points.clear();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Run } from "./wire";
+import { ObjectTrack } from "./objects";
+import { OBJECT_POINTS, type ObjectRun, type Run } from "./wire";
 
 export interface Sample {
   x: number; // pixels
@@ -31,6 +32,8 @@ export class Track {
     /** The point's place among those ever made, which gives it its colour. */
     readonly order: number,
     public start: number,
+    /** Whose point it is; null: the user placed it. */
+    readonly object: ObjectTrack | null = null,
   ) {
     this.name = String(id);
     this.seedFrame = start;
@@ -116,20 +119,25 @@ export class Track {
   }
 }
 
-/** The tracks of a session's points, in the order in which they were made. */
+/** The tracks of a session's points and objects, in the order in which they were made. */
 export class TrackStore {
   private byId = new Map<number, Track>();
+  private objectsById = new Map<number, ObjectTrack>();
   private made = 0;
 
+  /** Those of points, also of points that objects have. */
   get tracks(): Iterable<Track> {
     return this.byId.values();
   }
-  get size(): number {
-    return this.byId.size;
+  get objects(): Iterable<ObjectTrack> {
+    return this.objectsById.values();
   }
 
   get(id: number): Track | undefined {
     return this.byId.get(id);
+  }
+  getObject(id: number): ObjectTrack | undefined {
+    return this.objectsById.get(id);
   }
 
   /** A point begins on this frame; a known one anew. */
@@ -144,18 +152,46 @@ export class TrackStore {
     return track;
   }
 
-  remove(id: number): void {
-    this.byId.delete(id);
+  /** An object begins on this frame. Its points are there as soon as something is heard of them. */
+  seedObject(id: number, frame: number, name: string): ObjectTrack {
+    const object = new ObjectTrack(id, name, this.made++, frame);
+    this.objectsById.set(id, object);
+    return object;
   }
 
-  /** Points that were removed meanwhile are passed over. */
-  apply(runs: readonly Run[]): void {
-    for (const run of runs) this.byId.get(run.id)?.apply(run);
+  remove(id: number): void {
+    this.byId.delete(id);
+    if (!this.objectsById.delete(id)) return;
+    for (const track of this.pointsOf(id)) this.byId.delete(track.id);
+  }
+
+  pointsOf(object: number): Track[] {
+    return [...this.byId.values()].filter((track) => track.object?.id === object);
+  }
+
+  /** What was removed meanwhile is passed over. */
+  apply(runs: readonly Run[], objects: readonly ObjectRun[] = []): void {
+    for (const run of runs) this.trackOf(run.id)?.apply(run);
+    for (const run of objects) this.objectsById.get(run.id)?.apply(run);
   }
 
   /** Estimates of frames 0 .. this - 1 are final, of so many frames in all. */
   finalFrames(frames: number): number {
     for (const track of this.byId.values()) frames = Math.min(frames, track.finalEnd);
+    for (const object of this.objectsById.values()) frames = Math.min(frames, object.finalEnd);
     return frames;
+  }
+
+  // Of an id as it is in messages.
+  private trackOf(id: number): Track | undefined {
+    if (id < OBJECT_POINTS) return this.byId.get(id);
+    const object = this.objectsById.get(Math.floor(id / OBJECT_POINTS));
+    if (!object) return undefined;
+    const point = object.pointAt(id % OBJECT_POINTS);
+    const known = this.byId.get(point);
+    if (known) return known;
+    const track = new Track(point, object.order, object.start, object);
+    this.byId.set(point, track);
+    return track;
   }
 }

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The protocol's messages, to and from the page's own plain values. A point's id is a number here: the page chooses
-// them, from 1 on.
+// The protocol's messages, to and from the page's own plain values. Ids are numbers here: the page chooses those of points
+// and objects, from 1 on. Point i of an object has OBJECT_POINTS * object + i, which is the server's id less 2^63.
 import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import { anyUnpack } from "@bufbuild/protobuf/wkt";
 import { BadRequestSchema, RetryInfoSchema } from "./gen/google/rpc/error_details_pb";
 import type { Status } from "./gen/google/rpc/status_pb";
 import {
+  type ObjectRun as ObjectRunMessage,
   type PointRun,
   type SessionAccepted,
   type SessionConfig,
@@ -13,9 +14,10 @@ import {
   TrackRequestSchema,
   type TrackResponse,
   TrackResponseSchema,
+  type Tracks,
 } from "./gen/holdfast/v1/point_tracking_pb";
 
-export type { SessionAccepted, SessionConfig, TrackResponse };
+export type { SessionAccepted, SessionConfig, TrackResponse, Tracks };
 
 /** Canonical codes that the page tells apart. */
 export const Code = {
@@ -34,6 +36,18 @@ export interface Seed {
   y: number;
 }
 
+/** What is to be followed as a group. */
+export interface ObjectSeed {
+  id: number;
+  mask: Uint8Array; // a PNG of the frame's size, black where the object is not
+  points: number; // to be placed on it, at most
+}
+
+export const OBJECT_POINTS = 2 ** 32;
+
+/** The id that point i of an object has in messages. */
+export const objectPointId = (object: number, i: number) => OBJECT_POINTS * object + i;
+
 /** One point on consecutive frames: element i belongs to frame firstFrame + i. */
 export interface Run {
   id: number;
@@ -45,6 +59,25 @@ export interface Run {
   finalCount: number; // the first so many will never be revised
 }
 
+/** An object on one frame, as its points say together. */
+export interface ObjectSample {
+  x: number; // of its centre, pixels
+  y: number;
+  scale: number; // since it was painted
+  rotation: number; // radians since then, from x towards y
+  visible: number; // share of its points, 0 .. 1
+  outline: [number, number][]; // corners, pixels
+  left: number[]; // points that do not move with it any more, by their number i on it
+}
+
+/** One object on consecutive frames: element i belongs to frame firstFrame + i. */
+export interface ObjectRun {
+  id: number;
+  firstFrame: number;
+  samples: ObjectSample[];
+  finalCount: number; // the first so many will never be revised
+}
+
 /** Why a session, or an attempt to open one, ended. */
 export interface Problem {
   code: number;
@@ -52,7 +85,14 @@ export interface Problem {
   retryAfterMs?: number; // the server's word on when to ask again
 }
 
-const points = (seeds: readonly Seed[]) => seeds.map(({ id, x, y }) => ({ id: BigInt(id), x, y }));
+const FIRST_OBJECT_POINT = 2n ** 63n;
+const toId = (id: number) => BigInt(id) + (id < OBJECT_POINTS ? 0n : FIRST_OBJECT_POINT);
+const fromId = (id: bigint) => Number(id < FIRST_OBJECT_POINT ? id : id - FIRST_OBJECT_POINT);
+
+const points = (seeds: readonly Seed[]) => seeds.map(({ id, x, y }) => ({ id: toId(id), x, y }));
+
+const objects = (seeds: readonly ObjectSeed[]) =>
+  seeds.map(({ id, mask, points }) => ({ id, points, shape: { case: "maskPng" as const, value: mask } }));
 
 const encode = (request: Parameters<typeof create<typeof TrackRequestSchema>>[1]) =>
   toBinary(TrackRequestSchema, create(TrackRequestSchema, request));
@@ -63,14 +103,16 @@ export const makeConfig = (init: Parameters<typeof create<typeof SessionConfigSc
 export const configMessage = (config: SessionConfig, resumeToken: Uint8Array) =>
   encode({ request: { case: "config", value: { ...config, resumeToken } } });
 
-export const frameMessage = (index: number, data: Uint8Array, seeds: readonly Seed[]) =>
-  encode({ request: { case: "frame", value: { index: BigInt(index), data, points: points(seeds) } } });
+export function frameMessage(index: number, data: Uint8Array, seeds: readonly Seed[], painted: readonly ObjectSeed[]) {
+  const value = { index: BigInt(index), data, points: points(seeds), objects: objects(painted) };
+  return encode({ request: { case: "frame", value } });
+}
 
 export const addMessage = (seeds: readonly Seed[]) =>
   encode({ request: { case: "addPoints", value: { points: points(seeds) } } });
 
 export const removeMessage = (ids: readonly number[]) =>
-  encode({ request: { case: "removePoints", value: { ids: ids.map(BigInt) } } });
+  encode({ request: { case: "removePoints", value: { ids: ids.map(toId) } } });
 
 export const finishMessage = () => encode({ request: { case: "finish", value: {} } });
 
@@ -78,7 +120,15 @@ export const parseResponse = (bytes: Uint8Array): TrackResponse => fromBinary(Tr
 
 export function toRun(run: PointRun): Run {
   const { x, y, visible, confidence, finalCount } = run;
-  return { id: Number(run.id), firstFrame: Number(run.firstFrame), x, y, visible, confidence, finalCount };
+  return { id: fromId(run.id), firstFrame: Number(run.firstFrame), x, y, visible, confidence, finalCount };
+}
+
+export function toObjectRun(run: ObjectRunMessage): ObjectRun {
+  const samples = run.samples.map(({ x, y, scale, rotation, visible, outlineX, outlineY, left }): ObjectSample => {
+    const outline = outlineX.map((at, i): [number, number] => [at, outlineY[i]!]);
+    return { x, y, scale, rotation, visible, outline, left: left.map((id) => fromId(id) % OBJECT_POINTS) };
+  });
+  return { id: run.id, firstFrame: Number(run.firstFrame), samples, finalCount: run.finalCount };
 }
 
 export function toProblem(status: Status): Problem {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { BufferTarget, CanvasSource, canEncodeVideo, Output, QUALITY_HIGH, WebMOutputFormat } from "mediabunny";
-import { type Look, paintTracks } from "../draw";
+import { type Look, paintScene } from "../draw";
 import type { FrameStore } from "../frames";
 import type { Table } from "./table";
 
@@ -29,7 +29,7 @@ export async function toWebm(
     const bitmap = await frames.bitmap(frame);
     if (!bitmap) continue;
     context.drawImage(bitmap, 0, 0);
-    paintTracks(context, table.tracks, frame, whole);
+    paintScene(context, table, frame, whole);
     await video.add((frame - frames.first) / table.fps, 1 / table.fps);
     progress((frame + 1 - frames.first) / (table.frames - frames.first));
   }

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+import type { ObjectTrack } from "../objects";
 import type { Track } from "../tracks";
 
 /** What a file of tracks says; the same things as files of `holdfast track` (client/cli/track_writer.cc). */
 export interface Table {
-  tracks: Track[];
+  tracks: Track[]; // of all points, objects' included
+  objects: ObjectTrack[];
   width: number; // of the frames, pixels
   height: number;
   fps: number;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Text files of tracks, byte for byte those of `holdfast track`.
+import type { ObjectTrack } from "../objects";
 import type { Track } from "../tracks";
 import { framesOf, type Table } from "./table";
 
@@ -36,13 +37,34 @@ function jsonPoint(track: Track, frames: number): string {
   return `{${fields.join(",")}}`;
 }
 
+function jsonObject(object: ObjectTrack, { tracks, frames }: Table): string {
+  const at: number[] = [];
+  for (let t = object.start; t < Math.min(object.end, frames); ++t) if (object.has(t)) at.push(t);
+  const list = <T>(values: readonly T[], text: (value: T) => string) => `[${values.map(text).join(",")}]`;
+  const place = (x: number, y: number) => `[${rounded(x)},${rounded(y)}]`;
+  const samples = at.map((t) => object.at(t)!);
+  const fields = [
+    `"frames":${list(at, String)}`,
+    `"id":${object.id}`,
+    `"left":${list(samples, ({ left }) => list(left, (i) => String(object.pointAt(i))))}`,
+    `"outline":${list(samples, ({ outline }) => list(outline, ([x, y]) => place(x, y)))}`,
+    `"points":${list(tracks.filter((track) => track.object === object), ({ id }) => String(id))}`,
+    `"rotation":${list(samples, ({ rotation }) => rounded(rotation))}`,
+    `"scale":${list(samples, ({ scale }) => rounded(scale))}`,
+    `"visible":${list(samples, ({ visible }) => rounded(visible))}`,
+    `"xy":${list(samples, ({ x, y }) => place(x, y))}`,
+  ];
+  return `{${fields.join(",")}}`;
+}
+
 export function toJson(table: Table): string {
   const { width, height, fps, frames, complete, finalFrames, expectedFrames } = table;
   const head =
     `{"width": ${width}, "height": ${height}, "fps": ${general(fps)}, "frames": ${frames}, ` +
     `"complete": ${complete}, "final_frames": ${finalFrames}, "expected_frames": ${expectedFrames}, "points": [`;
   const points = table.tracks.map((track) => `\n${jsonPoint(track, frames)}`);
-  return `${head}${points.join(",")}\n]}\n`;
+  const objects = table.objects.map((object) => jsonObject(object, table)).join(",");
+  return `${head}${points.join(",")}\n]${objects && `,\n"objects": [${objects}]`}}\n`;
 }
 
 export function toCsv(table: Table): string {

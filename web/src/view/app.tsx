@@ -65,7 +65,7 @@ function Welcome() {
 }
 
 function Hint() {
-  if (tracker.phase.value !== "ready" || (tracker.revision.value, tracker.points.size) > 0) return null;
+  if (tracker.phase.value !== "ready" || (tracker.revision.value, tracker.points.most) > 0) return null;
   return <p class="hint">Click on what you want to follow, or brush over an object. <kbd>Space</kbd> starts.</p>;
 }
 
@@ -111,7 +111,7 @@ function Stale() {
   if (!tracker.stale.value || tracker.source.value?.live && tracker.active.value) return null;
   return (
     <div class="notice" role="status">
-      <p>Points that were placed on frames sent before are followed when the run begins anew.</p>
+      <p>What was placed on frames sent before is followed when the run begins anew.</p>
       <button type="button" onClick={() => tracker.start()}>Track again</button>
     </div>
   );
@@ -149,17 +149,18 @@ function Transport() {
 function Tools() {
   const none = tracker.source.value === null;
   const brushing = page.tool.value === "brush";
-  const { radius, count } = page.brush.value;
+  const { count } = page.brush.value;
+  const radius = page.brushRadius.value;
   return (
     <div class="transport tools" role="toolbar" aria-label="Tools">
       <IconButton icon="point" name="Place points" keys="P" pressed={!brushing} onClick={() => (page.tool.value = "point")} />
-      <IconButton icon="brush" name="Brush points over an object" keys="B" pressed={brushing} onClick={() => (page.tool.value = "brush")} />
+      <IconButton icon="brush" name="Brush over an object" keys="B" pressed={brushing} onClick={() => (page.tool.value = "brush")} />
       {brushing && (
         <>
           <label class="range" title="Radius of the brush ([ and ])"><span>Size</span>
-            <input type="range" min="4" max="200" value={radius} onInput={(event) => (page.brush.value = { radius: Number(event.currentTarget.value), count })} /></label>
-          <label class="range" title="Points of a stroke"><span>Points</span>
-            <input type="number" min="1" max="256" value={count} onChange={(event) => (page.brush.value = { radius, count: Math.min(256, Math.max(1, Number(event.currentTarget.value) || 1)) })} /></label>
+            <input type="range" min={page.smallestBrush.value} max="200" value={radius} onInput={(event) => (page.brush.value = { radius: Number(event.currentTarget.value), count })} /></label>
+          <label class="range" title="Points that the server places on the object, at most"><span>Points</span>
+            <input type="number" min="3" max="256" value={count} onChange={(event) => (page.brush.value = { radius, count: Math.min(256, Math.max(3, Number(event.currentTarget.value) || 3)) })} /></label>
         </>
       )}
       <IconButton icon="grid" name="Add a grid of points" keys="G" disabled={none} onClick={page.addGrid} />

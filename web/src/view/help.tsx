@@ -7,18 +7,24 @@ import { IconButton } from "./icons";
 const GESTURES = [
   ["Click", "place a point"],
   ["Drag a point", "say where it is: it is followed from there on"],
-  ["Right click", "remove a point"],
-  ["Shift and drag", "brush points over an object, whatever the tool"],
+  ["Shift and drag", "brush over an object, whatever the tool: it is followed as a group"],
+  ["Right click", "remove a point, or an object by its centre"],
   ["Wheel", "zoom; the middle button moves the picture"],
   ["Timeline", "click or drag to look at earlier frames"],
 ] as const;
 
-export function Marks() {
+/** A point that has left its object. */
+export function LeftMark() {
+  return <svg class="left-mark" viewBox="0 0 14 14" aria-hidden="true"><path d="M3 3l8 8M11 3l-8 8" /></svg>;
+}
+
+export function Marks({ objects }: { objects?: boolean }) {
   return (
     <ul class="marks">
       <li><svg viewBox="0 0 34 14" aria-hidden="true"><path d="M2 7h20" /><circle class="full" cx="26" cy="7" r="4.5" /></svg>final</li>
       <li><svg viewBox="0 0 34 14" aria-hidden="true"><path class="dashed" d="M2 7h18" /><circle class="full" cx="26" cy="7" r="2.7" /><circle class="dashed" cx="26" cy="7" r="4.5" /></svg>provisional</li>
       <li><svg viewBox="0 0 34 14" aria-hidden="true"><path d="M2 7h18" /><circle cx="26" cy="7" r="4.5" /></svg>hidden</li>
+      {objects && <li><LeftMark />left its object</li>}
     </ul>
   );
 }
@@ -38,14 +44,15 @@ export function Help() {
           <h2 id="help-title" tabIndex={-1} autofocus>How it works</h2>
           <IconButton icon="close" name="Close the help" keys="Esc" onClick={close} />
         </header>
-        <p>Place points on what you want to follow, and start. Each frame goes to the server; where the points are comes back, provisional at first, final a moment later.</p>
-        <Marks />
+        <p>Place points on what you want to follow, or brush over an object, and start. Each frame goes to the server; where the points are comes back, provisional at first, final a moment later.</p>
+        <p>An object has points that the server places, an outline, and at its centre a gauge of how much of it is in sight. Points that do not move with it any more are crossed out.</p>
+        <Marks objects />
         <div class="help-columns">
           <section>
             <h3>Pointer</h3>
             <dl>{GESTURES.map(([gesture, does]) => [<dt key={gesture}>{gesture}</dt>, <dd key={does}>{does}</dd>])}</dl>
             <h3>Without a pointer</h3>
-            <p>Tab to the picture: arrow keys move a crosshair (Shift: by one pixel), Enter places or selects a point.</p>
+            <p>Tab to the picture: arrow keys move a crosshair (Shift: by one pixel), Enter places or selects a point there, or with the brush an object.</p>
           </section>
           <section>
             <h3>Keys</h3>

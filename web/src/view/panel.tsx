@@ -6,8 +6,10 @@ import { noOverlay, toWebm } from "../exports/overlay";
 import { toCvat } from "../exports/cvat";
 import { toNpz } from "../exports/npz";
 import { to3de, toCsv, toDeepLabCut, toJson } from "../exports/text";
+import type { ObjectTrack } from "../objects";
 import * as page from "../page";
 import { LatencyChart, LoadChart } from "./chart";
+import { LeftMark } from "./help";
 import { Icon, IconButton } from "./icons";
 
 const { tracker, server, settings } = page;
@@ -70,6 +72,11 @@ function Live() {
   );
 }
 
+function Facts({ facts }: { facts: [string, string | undefined][] }) {
+  const known = facts.filter(([, value]) => value);
+  return <dl class="facts">{known.map(([name, value]) => [<dt key={name}>{name}</dt>, <dd key={`${name}:`} title={value}>{value}</dd>])}</dl>;
+}
+
 function Selected() {
   void tracker.revision.value;
   const id = page.selected.value;
@@ -94,18 +101,61 @@ function Selected() {
           onChange={(event) => tracker.rename(point.id, event.currentTarget.value.trim())} />
         <IconButton icon="bin" name="Remove this point" keys="Del" onClick={page.removeSelected} />
       </div>
-      <dl class="facts">
-        <dt>frame</dt>
-        <dd>{sample ? frame : "–"}</dd>
-        <dt>position</dt>
-        <dd>{sample ? `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}` : "–"}</dd>
-        <dt>confidence</dt>
-        <dd>{sample ? sample.confidence.toFixed(3) : "–"}</dd>
-        <dt>state</dt>
-        <dd>{state}</dd>
-        <dt>placed on</dt>
-        <dd>{point.placed.map(({ frame }) => frame).join(", ")}</dd>
-      </dl>
+      <Facts facts={[
+        ["frame", sample ? String(frame) : "–"],
+        ["position", sample ? `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}` : "–"],
+        ["confidence", sample ? sample.confidence.toFixed(3) : "–"],
+        ["state", state],
+        ["placed on", point.placed.map(({ frame }) => frame).join(", ")],
+      ]} />
+    </Card>
+  );
+}
+
+function ObjectEntry({ object }: { object: ObjectTrack }) {
+  void tracker.revision.value;
+  const { id, name } = object;
+  const frame = object.newest(tracker.shown.value);
+  const sample = object.at(frame);
+  const chosen = page.selected.value === id;
+  const share = sample ? Math.round(100 * sample.visible) : 0;
+  return (
+    <li class={chosen ? "chosen" : ""} onPointerEnter={() => (page.hovered.value = id)} onPointerLeave={() => (page.hovered.value = null)}>
+      <button type="button" class="object-name" aria-pressed={chosen} onClick={() => (page.selected.value = chosen ? null : id)}>
+        <i class="swatch" style={{ background: colorOf(object) }} />{name}
+      </button>
+      <span class="track" aria-hidden="true"><span class="bar share" style={{ width: `${share}%`, background: colorOf(object) }} /></span>
+      <span class="seen" title="Share of it that is in sight">{sample ? `${share} %` : "–"}</span>
+      <span class="left" title="Points that do not move with it any more">{sample && <><LeftMark />{sample.left.length} left</>}</span>
+      <IconButton icon="bin" name={`Remove ${name}`} onClick={() => page.remove(id)} />
+    </li>
+  );
+}
+
+function ObjectFacts({ object }: { object: ObjectTrack }) {
+  void tracker.revision.value;
+  const frame = object.newest(tracker.shown.value);
+  const sample = object.at(frame);
+  if (!sample) return null;
+  return (
+    <Facts facts={[
+      ["frame", `${frame}, ${sample.final ? "final" : "provisional"}`],
+      ["centre", `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}`],
+      ["size since painted", `× ${sample.scale.toFixed(3)}`],
+      ["turned", `${(Math.round((1800 * sample.rotation) / Math.PI) / 10 || 0).toFixed(1)}°`],
+    ]} />
+  );
+}
+
+function Objects() {
+  void tracker.revision.value;
+  const objects = [...tracker.tracks.objects];
+  const selected = objects.find(({ id }) => id === page.selected.value);
+  return (
+    <Card title="Objects" open>
+      {objects.length === 0 ? <p class="soft">Brush over one (<kbd>B</kbd>) to follow it as a group.</p>
+        : <ul class="objects">{objects.map((object) => <ObjectEntry key={object.id} object={object} />)}</ul>}
+      {selected && <ObjectFacts object={selected} />}
     </Card>
   );
 }
@@ -133,11 +183,11 @@ async function saveOverlay(): Promise<void> {
 
 function Exports() {
   void tracker.revision.value;
-  const nothing = tracker.sent.value === 0 || tracker.points.size === 0;
+  const nothing = tracker.sent.value === 0 || tracker.points.most === 0;
   const obstacle = noOverlay();
   const share = rendering.value;
   const buttons: [string, string, () => void][] = [
-    ["JSON", "Tracks by point, with how complete they are", () => save("tracks.json", "application/json", toJson(tracker.table()))],
+    ["JSON", "Tracks by point, objects, and how complete they are", () => save("tracks.json", "application/json", toJson(tracker.table()))],
     ["CSV", "A line a point and frame", () => save("tracks.csv", "text/csv", toCsv(tracker.table()))],
     ["NumPy", "Arrays: tracks, visible, confidence, ids (.npz)", () => save("tracks.npz", "application/zip", toNpz(tracker.table()) as Uint8Array<ArrayBuffer>)],
     ["DeepLabCut", "A row a frame, for DeepLabCut, napari and movement (.dlc.csv)", () => save("tracks.dlc.csv", "text/csv", toDeepLabCut(tracker.table()))],
@@ -238,9 +288,7 @@ function Server() {
   return (
     <Card title="Server" open={standing === "token"} beside={<LoadChart />}>
       {standing !== "serving" && <p class="soft">{STANDINGS[standing]}.</p>}
-      <dl class="facts">
-        {facts.filter(([, value]) => value).map(([name, value]) => [<dt key={name}>{name}</dt>, <dd key={`${name}:`} title={value}>{value}</dd>])}
-      </dl>
+      <Facts facts={facts} />
       <form class="field" onSubmit={(event) => { event.preventDefault(); void server.ask(); }}>
         <label for="token">Token</label>
         <input id="token" type="password" autocomplete="off" placeholder="none" value={page.token.value}
@@ -255,6 +303,7 @@ export function Panel() {
     <aside class="panel" aria-label="Figures, settings and files">
       <Live />
       <Selected />
+      <Objects />
       <Exports />
       <Options />
       <Server />

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { type Position, spread } from "../brush";
-import { colorOf, type Look, paintPlaced, paintTracks } from "../draw";
+import type { Position } from "../brush";
+import { colorOf, type Look, paintPlaced, paintScene, paintStroke } from "../draw";
+import type { Lane } from "../lanes";
 import * as page from "../page";
 
 const { tracker } = page;
 const REACH = 14; // CSS pixels around a point within which it is meant
 const MOVE = 4; // CSS pixels from which on a press is a drag
 const MOST_ZOOM = 12;
+const BRUSH = "#5eead4";
 
 /** What the pointer is doing. */
 type Gesture =
@@ -17,6 +19,8 @@ type Gesture =
   | { kind: "drag"; id: number }
   | { kind: "stroke"; path: Position[] }
   | { kind: "pan"; last: Position };
+
+const middleOf = (path: readonly Position[]) => path[path.length >> 1]!;
 
 /** The picture with everything on it. Positions are pixels of the frame, unless they are said to be on the canvas. */
 class StageCanvas {
@@ -37,7 +41,7 @@ class StageCanvas {
     this.stops.push(() => resize.disconnect());
     this.stops.push(effect(() => void this.showFrame(tracker.shown.value)));
     this.stops.push(effect(() => this.repaintFor(tracker.revision.value, page.selected.value, page.hovered.value,
-      page.settings.value, page.tool.value, page.brush.value)));
+      page.settings.value, page.tool.value, page.brushRadius.value)));
     this.stops.push(effect(() => this.showWhole(page.zoomReset.value, tracker.source.value)));
     this.listen();
   }
@@ -99,8 +103,8 @@ class StageCanvas {
     const [selected, hovered] = [page.selected.value, page.hovered.value];
     const look: Look = { scale, unit: devicePixelRatio, trail, confidence, selected, hovered };
     const tracks = this.gesture.kind === "drag" ? this.tracksWithout(this.gesture.id) : tracker.tracks.tracks;
-    paintTracks(context, tracks, tracker.shown.value, look);
-    this.paintPlacedPoints(look);
+    paintScene(context, { tracks, objects: tracker.tracks.objects }, tracker.shown.value, look);
+    this.paintPlaced(look);
     this.paintGesture(look);
   }
 
@@ -108,11 +112,18 @@ class StageCanvas {
     for (const track of tracker.tracks.tracks) if (track.id !== id) yield track;
   }
 
-  private paintPlacedPoints(look: Look): void {
+  // What was asked for, where nothing came of it yet.
+  private paintPlaced(look: Look): void {
     for (const { id, placed } of tracker.points.all) {
       const track = tracker.tracks.get(id);
       const here = placed.find(({ frame }) => frame === tracker.shown.value);
       if (track && here && track.newest(here.frame) < 0) paintPlaced(this.context, here.x, here.y, colorOf(track), look);
+    }
+    for (const { id, stroke, shown, frame } of tracker.points.objects) {
+      const [object, now] = [tracker.tracks.getObject(id), tracker.shown.value];
+      if (object && now >= shown && now <= frame && object.newest(now) < 0) {
+        paintStroke(this.context, stroke, colorOf(object), look);
+      }
     }
   }
 
@@ -124,18 +135,11 @@ class StageCanvas {
       if (track) paintPlaced(context, pointer.x, pointer.y, colorOf(track), look);
     }
     if (gesture.kind === "stroke") {
-      context.beginPath();
-      for (const p of gesture.path) context.lineTo(...at(p));
-      context.lineTo(...at(gesture.path.at(-1)!));
-      context.lineWidth = 2 * page.brush.value.radius * look.scale;
-      context.strokeStyle = "rgb(94 234 212 / 0.35)";
-      context.stroke();
-      const { radius, count } = page.brush.value;
-      for (const p of this.spreadOf(gesture.path, radius, count)) paintPlaced(context, p.x, p.y, "#5eead4", look);
+      paintStroke(context, { path: gesture.path, radius: page.brushRadius.value }, BRUSH, look);
     }
     if (pointer && page.tool.value === "brush" && gesture.kind !== "drag") {
       context.beginPath();
-      context.arc(...at(pointer), page.brush.value.radius * look.scale, 0, 2 * Math.PI);
+      context.arc(...at(pointer), page.brushRadius.value * look.scale, 0, 2 * Math.PI);
       context.lineWidth = 1.5 * look.unit;
       context.strokeStyle = "#fff";
       context.stroke();
@@ -173,8 +177,10 @@ class StageCanvas {
   private positionOf(event: MouseEvent): Position {
     const box = this.canvas.getBoundingClientRect();
     const { scale, left, top } = this.view();
-    const along = (client: number, edge: number, offset: number) => ((client - edge) * devicePixelRatio - offset) / scale - 0.5;
-    return { x: along(event.clientX, box.left, left), y: along(event.clientY, box.top, top) };
+    const { width, height } = this.canvas; // whole pixels, which the box on the page need not have
+    const along = (share: number, pixels: number, offset: number) => (share * pixels - offset) / scale - 0.5;
+    const [across, down] = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+    return { x: along(across, width, left), y: along(down, height, top) };
   }
 
   private isInside({ x, y }: Position): boolean {
@@ -187,22 +193,30 @@ class StageCanvas {
     return (pixels * devicePixelRatio) / this.view().scale;
   }
 
+  /** The point, or the object by its centre, that is meant at a position. */
   private nearest(p: Position): number | null {
     let [best, bestSquare] = [null as number | null, this.reach(REACH) ** 2];
-    for (const track of tracker.tracks.tracks) {
-      const at = track.newest(tracker.shown.value);
-      const placed = tracker.points.get(track.id)?.placed.find(({ frame }) => frame === tracker.shown.value);
-      if (at < 0 && !placed) continue;
-      const [x, y] = at < 0 ? [placed!.x, placed!.y] : [track.x(at), track.y(at)];
-      const square = (x - p.x) ** 2 + (y - p.y) ** 2;
-      if (square < bestSquare) [best, bestSquare] = [track.id, square];
+    for (const [id, at] of this.places()) {
+      const square = (at.x - p.x) ** 2 + (at.y - p.y) ** 2;
+      if (square < bestSquare) [best, bestSquare] = [id, square];
     }
     return best;
   }
 
-  private spreadOf(path: Position[], radius: number, count: number): Position[] {
-    const { width, height } = tracker.source.value!;
-    return spread(path, radius, count, width, height);
+  // Where points and objects are, or were placed.
+  private *places(): Generator<[number, Position]> {
+    const shown = tracker.shown.value;
+    const known = (track: Lane) => (track.newest(shown) < 0 ? null : { x: track.x(track.newest(shown)), y: track.y(track.newest(shown)) });
+    for (const track of tracker.tracks.tracks) {
+      if (track.object) continue; // meant by the object's centre
+      const at = known(track) ?? tracker.points.get(track.id)?.placed.find(({ frame }) => frame === shown);
+      if (at) yield [track.id, at];
+    }
+    for (const object of tracker.tracks.objects) {
+      const painted = tracker.points.getObject(object.id);
+      const at = known(object) ?? (painted && painted.shown <= shown && shown <= painted.frame ? middleOf(painted.stroke.path) : null);
+      if (at) yield [object.id, at];
+    }
   }
 
   // --- Gestures.
@@ -242,6 +256,7 @@ class StageCanvas {
       const id = brushing ? null : this.nearest(at);
       if (id !== null) page.selected.value = id;
       this.gesture = brushing ? { kind: "stroke", path: [at] } : { kind: "press", id, from: at };
+      tracker.hold(brushing);
     }
     if (this.gesture.kind !== "none") this.canvas.setPointerCapture(event.pointerId);
     this.paintSoon();
@@ -252,7 +267,7 @@ class StageCanvas {
     const { gesture } = this;
     this.crosshair = false;
     this.pointer = at;
-    if (gesture.kind === "press" && gesture.id !== null && this.isAway(gesture.from, at)) {
+    if (gesture.kind === "press" && gesture.id !== null && tracker.points.get(gesture.id) && this.isAway(gesture.from, at)) {
       this.gesture = { kind: "drag", id: gesture.id };
     } else if (gesture.kind === "stroke" && Math.hypot(at.x - gesture.path.at(-1)!.x, at.y - gesture.path.at(-1)!.y) > 2) {
       gesture.path.push(at);
@@ -274,7 +289,7 @@ class StageCanvas {
     } else if (gesture.kind === "drag" && this.isInside(at)) {
       tracker.place(gesture.id, at);
     } else if (gesture.kind === "stroke") {
-      tracker.add(this.spreadOf(gesture.path, page.brush.value.radius, page.brush.value.count));
+      void page.addObject(gesture.path);
     }
   }
 
@@ -284,6 +299,7 @@ class StageCanvas {
 
   private rest(): void {
     this.gesture = { kind: "none" };
+    tracker.hold(false);
     this.paintSoon();
   }
 
@@ -297,7 +313,7 @@ class StageCanvas {
   private removeAt(event: MouseEvent): void {
     event.preventDefault();
     const id = this.nearest(this.positionOf(event));
-    if (id !== null) page.removePoint(id);
+    if (id !== null) page.remove(id);
     this.rest();
   }
 
@@ -332,6 +348,8 @@ class StageCanvas {
       this.pointer = { x: Math.min(Math.max(moved.x, 0), width - 1), y: Math.min(Math.max(moved.y, 0), height - 1) };
       this.crosshair = true;
       page.hovered.value = this.nearest(this.pointer);
+    } else if (event.key === "Enter" && page.tool.value === "brush") {
+      void page.addObject([at]);
     } else if (event.key === "Enter") {
       const id = this.nearest(at);
       page.selected.value = id ?? tracker.add([at])[0] ?? null;
@@ -349,7 +367,8 @@ export function Stage() {
     const stage = new StageCanvas(canvas.current!);
     return () => stage.close();
   }, []);
-  const points = (tracker.revision.value, tracker.points.size);
-  const name = `Frame ${tracker.shown.value}, ${points} points. Arrow keys move a crosshair, Enter places a point there.`;
+  const [points, objects] = (tracker.revision.value, [tracker.points.size, tracker.points.objectCount]);
+  const made = page.tool.value === "brush" ? "an object" : "a point";
+  const name = `Frame ${tracker.shown.value}, ${points} points, ${objects} objects. Arrow keys move a crosshair, Enter places ${made} there.`;
   return <canvas ref={canvas} class={`stage-canvas ${page.tool.value}`} tabIndex={0} role="application" aria-label={name} />;
 }

@@ -2,9 +2,8 @@
 import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { colorOf, confidenceColor } from "../draw";
-import { shownFrames, stretches } from "../lanes";
+import { type Lane, shownFrames, stretches } from "../lanes";
 import * as page from "../page";
-import type { Track } from "../tracks";
 
 const { tracker } = page;
 const LANE = 18; // CSS pixels
@@ -12,13 +11,13 @@ const RULER = 22;
 const NAMES = 76; // width of the column of names
 const MOST_FRAMES = 1200; // on screen at once
 
-/** A lane a point: a bar where it is seen, a line where it is hidden, paler while it may still be revised. */
+/** A lane a point or object: a bar where it is seen, a line where it is hidden, paler while it may still be revised. */
 class TimelineCanvas {
   private readonly context: CanvasRenderingContext2D;
   private readonly stops: (() => void)[] = [];
   private painting = 0;
   private dragging = false;
-  private tracks: Track[] = [];
+  private lanes: Lane[] = []; // an object's points have none of their own
 
   constructor(
     private readonly scroller: HTMLElement,
@@ -58,7 +57,7 @@ class TimelineCanvas {
   }
 
   private scrollTo(id: number | null): void {
-    const row = this.tracks.findIndex((track) => track.id === id);
+    const row = this.lanes.findIndex((track) => track.id === id);
     if (row < 0) return;
     const [top, room] = [row * LANE, this.scroller.clientHeight - RULER];
     if (top < this.scroller.scrollTop) this.scroller.scrollTop = top;
@@ -78,16 +77,17 @@ class TimelineCanvas {
     const { from, to } = this.span;
     return from + Math.floor(((x - NAMES) * (to - from + 1)) / (this.scroller.clientWidth - NAMES - 8));
   }
-  private trackAt(y: number): Track | undefined {
-    return y < RULER ? undefined : this.tracks[Math.floor((y - RULER + this.scroller.scrollTop) / LANE)];
+  private laneAt(y: number): Lane | undefined {
+    return y < RULER ? undefined : this.lanes[Math.floor((y - RULER + this.scroller.scrollTop) / LANE)];
   }
 
   // --- Painting.
 
   private paint(): void {
     const { clientWidth: width, clientHeight: height } = this.scroller;
-    this.tracks = [...tracker.tracks.tracks];
-    this.spacer.style.height = `${Math.max(0, RULER + this.tracks.length * LANE - height)}px`;
+    const { tracks, objects } = tracker.tracks;
+    this.lanes = [...[...tracks].filter((track) => !track.object), ...objects].sort((a, b) => a.order - b.order);
+    this.spacer.style.height = `${Math.max(0, RULER + this.lanes.length * LANE - height)}px`;
     Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px` });
     Object.assign(this.canvas, { width: Math.round(width * devicePixelRatio), height: Math.round(height * devicePixelRatio) });
     this.context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
@@ -101,9 +101,9 @@ class TimelineCanvas {
   private paintLanes(height: number, color: (name: string) => string): void {
     const { context, scroller } = this;
     const first = Math.floor(scroller.scrollTop / LANE);
-    const last = Math.min(this.tracks.length - 1, Math.floor((scroller.scrollTop + height - RULER) / LANE));
+    const last = Math.min(this.lanes.length - 1, Math.floor((scroller.scrollTop + height - RULER) / LANE));
     for (let row = first; row <= last; ++row) {
-      const track = this.tracks[row]!;
+      const track = this.lanes[row]!;
       const y = RULER + row * LANE - scroller.scrollTop;
       const chosen = track.id === page.selected.value;
       if (chosen || track.id === page.hovered.value) {
@@ -116,11 +116,12 @@ class TimelineCanvas {
     }
   }
 
-  private paintName(track: Track, y: number, textColor: string): void {
+  private paintName(track: Lane, y: number, textColor: string): void {
     const { context } = this;
     context.fillStyle = colorOf(track);
     context.beginPath();
-    context.arc(14, y + LANE / 2, 4, 0, 2 * Math.PI);
+    if (tracker.points.getObject(track.id)) context.roundRect(9, y + LANE / 2 - 5, 10, 10, 3);
+    else context.arc(14, y + LANE / 2, 4, 0, 2 * Math.PI);
     context.fill();
     context.fillStyle = textColor;
     context.font = "500 11.5px system-ui, sans-serif";
@@ -128,7 +129,7 @@ class TimelineCanvas {
     context.fillText(track.name, 24, y + LANE / 2 + 0.5, NAMES - 30);
   }
 
-  private paintStretches(track: Track, y: number): void {
+  private paintStretches(track: Lane, y: number): void {
     const { context } = this;
     const { from, to } = this.span;
     const byConfidence = page.settings.value.confidence;
@@ -146,9 +147,10 @@ class TimelineCanvas {
     context.globalAlpha = 1;
   }
 
-  private paintPlaced(track: Track, y: number, color: string): void {
+  private paintPlaced(track: Lane, y: number, color: string): void {
     const { context } = this;
-    for (const { frame } of tracker.points.get(track.id)?.placed ?? []) {
+    const painted = tracker.points.getObject(track.id);
+    for (const { frame } of painted ? [painted] : (tracker.points.get(track.id)?.placed ?? [])) {
       if (frame < this.span.from) continue;
       const [x, middle] = [(this.xOf(frame) + this.xOf(frame + 1)) / 2, y + LANE / 2];
       context.beginPath();
@@ -196,7 +198,7 @@ class TimelineCanvas {
   // --- Gestures.
 
   private press(event: PointerEvent): void {
-    const track = this.trackAt(event.offsetY);
+    const track = this.laneAt(event.offsetY);
     if (track) page.selected.value = track.id;
     if (event.offsetX < NAMES) return;
     this.dragging = true;
@@ -206,7 +208,7 @@ class TimelineCanvas {
 
   private move(event: PointerEvent): void {
     if (this.dragging) tracker.show(this.frameAt(event.offsetX));
-    else page.hovered.value = this.trackAt(event.offsetY)?.id ?? null;
+    else page.hovered.value = this.laneAt(event.offsetY)?.id ?? null;
   }
 }
 

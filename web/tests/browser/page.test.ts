@@ -63,18 +63,34 @@ test("points are placed by click, moved by dragging, removed by right click", as
   expect(await points()).toBe(1);
 });
 
-test("a brush stroke covers an object with points", async () => {
+test("an object is brushed over, followed, listed with what is seen of it, and removed", async () => {
   visitor = await Visitor.at(browser, server.url);
+  const { page } = visitor;
   await visitor.openClip();
-  const { left, top, scale } = await visitor.picture(768, 576);
-  await visitor.page.keyboard.press("b");
-  await visitor.page.mouse.move(left + 268 * scale, top + 224 * scale);
-  await visitor.page.mouse.down();
-  await visitor.page.mouse.move(left + 266 * scale, top + 300 * scale, { steps: 8 });
-  await visitor.page.screenshot({ path: join(SHOTS, "brush.png") });
-  await visitor.page.mouse.up();
-  expect(await points()).toBeGreaterThan(10);
-  expect(await points()).toBeLessThanOrEqual(16);
+  await page.keyboard.press("b");
+  await visitor.stroke([268, 224], [266, 300]);
+  await page.screenshot({ path: join(SHOTS, "brush.png") });
+  await page.mouse.up();
+  const entry = page.locator(".objects li");
+  await entry.waitFor();
+  expect(await entry.locator(".seen").textContent()).toBe("–");
+  await page.keyboard.press("Space");
+  await visitor.until("processed", 12);
+  const object = page.getByRole("button", { name: /^Object / });
+  await expect.poll(() => entry.locator(".seen").textContent(), { timeout: 30_000 }).toMatch(/[1-9]\d* %/);
+  await object.click(); // it was selected when it was made
+  await object.click();
+  await page.screenshot({ path: join(SHOTS, "object.png") });
+  await visitor.brush([513, 162], [515, 230]); // while it runs: it begins on the next frame
+  await visitor.until("processed", 36);
+  await expect.poll(() => entry.nth(1).locator(".seen").textContent(), { timeout: 30_000 }).toMatch(/\d+ %/);
+  await page.getByRole("button", { name: /^Remove Object/ }).first().click();
+  await expect.poll(() => entry.count()).toBe(1);
+  await page.keyboard.press("s");
+  await visitor.done();
+  const { objects, points } = JSON.parse(String(await visitor.save("JSON")));
+  expect(objects.map(({ points }: { points: number[] }) => points.length)).toEqual([points.length]);
+  expect(objects[0].frames.length).toBeGreaterThan(0);
 });
 
 test("without a pointer everything can be done as well", async () => {
@@ -84,10 +100,16 @@ test("without a pointer everything can be done as well", async () => {
   for (const key of ["ArrowRight", "Shift+ArrowDown", "Enter"]) await visitor.page.keyboard.press(key);
   expect(await points()).toBe(1);
   expect(await nameField().inputValue()).toBe("1");
+  await visitor.page.keyboard.press("b");
+  await visitor.page.keyboard.press("Enter");
+  await visitor.page.getByRole("button", { name: "Object 2", exact: true }).waitFor();
+  await visitor.page.keyboard.press("Delete");
+  await visitor.page.getByRole("button", { name: "Object 2", exact: true }).waitFor({ state: "detached" });
+  await visitor.page.keyboard.press("p");
   await visitor.page.keyboard.press("g");
   expect(await points()).toBeGreaterThan(60);
   await visitor.page.keyboard.press("n");
-  expect(await nameField().inputValue()).toBe("2");
+  expect(await nameField().inputValue()).not.toBe("");
   await visitor.page.keyboard.press("Delete");
   await visitor.page.keyboard.press("?");
   await visitor.page.getByRole("dialog").waitFor();
@@ -136,6 +158,7 @@ test("it is usable by all, in both colours, and leaves the narrow screen's width
   await shot("welcome");
   await visitor.openClip();
   for (const [x, y] of [[268, 224], [262, 298], [513, 162], [518, 216], [657, 246], [676, 302], [420, 29], [202, 170], [462, 464], [598, 52]] as const) await visitor.clickNear(x, y);
+  await visitor.brush([100, 300], [104, 380]);
   await page.keyboard.press("Space");
   await visitor.until("processed", 40);
   await page.getByText(/^1 session, \d\d points$/).waitFor();

@@ -68,6 +68,26 @@ export class Visitor {
     return { x: (clientX - left) / scale - 0.5, y: (clientY - top) / scale - 0.5 };
   }
 
+  /** A stroke from one position of the frame to another, with the button still held. */
+  async stroke(from: readonly [number, number], to: readonly [number, number], width = 768, height = 576): Promise<void> {
+    const { left, top, scale } = await this.picture(width, height);
+    const at = ([x, y]: readonly [number, number]) => [Math.round(left + (x + 0.5) * scale), Math.round(top + (y + 0.5) * scale)] as const;
+    await this.page.mouse.move(...at(from));
+    await this.page.mouse.down();
+    await this.page.mouse.move(...at(to), { steps: 8 });
+  }
+
+  /** Brushes over an object, and waits until it is listed. */
+  async brush(from: readonly [number, number], to: readonly [number, number]): Promise<void> {
+    const listed = this.page.locator(".objects li");
+    const count = await listed.count();
+    await this.page.keyboard.down("Shift");
+    await this.stroke(from, to);
+    await this.page.mouse.up();
+    await this.page.keyboard.up("Shift");
+    await listed.nth(count).waitFor();
+  }
+
   async figure(name: "sent" | "processed" | "final"): Promise<number> {
     return Number(await this.page.locator(`[data-figure=${name}]`).textContent());
   }

@@ -120,6 +120,42 @@ test("a server that is killed and comes back changes nothing of the tracks", asy
   expect(difference(await visitor.save("NumPy"), uninterrupted)).toBeLessThanOrEqual(SAME);
 });
 
+/** An object as it is in files. */
+interface SavedObject {
+  frames: number[];
+  points: number[];
+  xy: [number, number][];
+  outline: [number, number][][];
+}
+
+/** Brushes over a person and tracks it to the end; meanwhile `during` may happen. */
+async function followObject(during: () => Promise<void>): Promise<SavedObject> {
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openPictures(pictures);
+  await visitor.brush([268, 224], [266, 300]);
+  await visitor.page.keyboard.press("Space");
+  await visitor.until("processed", 27); // behind a checkpoint, before the end
+  await during();
+  await visitor.done();
+  return JSON.parse(String(await visitor.save("JSON"))).objects[0];
+}
+
+test("an object has its centre and outline on every frame, also when its server is killed", async () => {
+  const object = await followObject(async () => {});
+  await visitor.page.close();
+  expect([object.frames.length, object.points.length]).toEqual([FRAMES, 24]);
+  expect(Math.hypot(object.xy[0]![0] - 267, object.xy[0]![1] - 262)).toBeLessThan(4); // of what was brushed
+  expect(object.outline.every((corners) => corners.length > 2)).toBe(true);
+  const again = await followObject(async () => {
+    await server.stop("SIGKILL");
+    await visitor.page.getByText("The server is lost.").waitFor();
+    await server.start();
+  });
+  expect(again).toMatchObject({ frames: object.frames, points: object.points });
+  const moved = again.xy.map(([x, y], i) => Math.hypot(x - object.xy[i]![0], y - object.xy[i]![1]));
+  expect(Math.max(...moved)).toBeLessThanOrEqual(2 * SAME); // thousandths are rounded
+});
+
 // The browser decodes the clip, and makes JPEGs of its frames, with other libraries than the command line: pixels differ
 // by a few of 255 steps, which moves where a point is found, by less than a pixel as a rule.
 test.each([["decodes", ""], ["seeks in, as it gives pages no decoder,", "delete window.VideoDecoder"]])(

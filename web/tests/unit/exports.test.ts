@@ -8,6 +8,8 @@ import { npyFile, toNpz } from "../../src/exports/npz";
 import type { Table } from "../../src/exports/table";
 import { fixed, to3de, toCsv, toDeepLabCut, toJson } from "../../src/exports/text";
 import { TrackStore } from "../../src/tracks";
+import { objectPointId } from "../../src/wire";
+import { objectRun, run } from "./support";
 
 /** Two points on three frames; the second begins on frame 1 and is hidden on frame 2. */
 function table(more: Partial<Table> = {}): Table {
@@ -19,7 +21,7 @@ function table(more: Partial<Table> = {}): Table {
     { id: 9, firstFrame: 1, x: [4, 5], y: [6, 7], visible: [true, false], confidence: [0, 0.25], finalCount: 1 },
   ]);
   const size = { width: 640, height: 480, fps: 10, frames: 3 };
-  return { tracks: [...store.tracks], ...size, complete: false, finalFrames: 2, expectedFrames: 5, ...more };
+  return { tracks: [...store.tracks], objects: [], ...size, complete: false, finalFrames: 2, expectedFrames: 5, ...more };
 }
 
 test("three digits are those of printf, halves included", () => {
@@ -43,7 +45,7 @@ function threePoints(): Table {
     part(9, 1, [61, 62, 63.4, 63.5], [40, 41, 42, 43], [false, true, true, true], [0.125, 1, 1, 1]),
   ]);
   const size = { width: 64, height: 48, fps: 10, frames: 5 };
-  return { tracks: [...store.tracks], ...size, complete: true, finalFrames: 5, expectedFrames: 5 };
+  return { tracks: [...store.tracks], objects: [], ...size, complete: true, finalFrames: 5, expectedFrames: 5 };
 }
 
 test.each([["tracks.dlc.csv", toDeepLabCut], ["tracks.xml", toCvat], ["tracks.3de.txt", to3de]])(
@@ -55,6 +57,18 @@ test("CVAT's labels are in the order of their letters' bytes, and have no charac
   const table = threePoints();
   ["\u{1f43e}", "\uffee", "a\x01b"].forEach((name, i) => (table.tracks[i]!.name = name));
   expect([...toCvat(table).matchAll(/<name>(.*?)</g)].map(([, name]) => name)).toEqual(["a b", "\uffee", "\u{1f43e}"]);
+});
+
+test("JSON has objects as the command line does, with the ids that its file has for their points", () => {
+  const store = new TrackStore();
+  const object = store.seedObject(1, 0, "Object 1");
+  store.apply([run(objectPointId(1, 0), 0, 2, 2), run(objectPointId(1, 2), 0, 2, 2)], [objectRun(1, 0, 2, 2, 0.25, [2])]);
+  const text = toJson(table({ tracks: [...store.tracks], objects: [object] }));
+  expect(text.slice(text.lastIndexOf("\n],") + 1)).toBe(
+    '],\n"objects": [{"frames":[0,1],"id":1,"left":[[4],[4]],"outline":[[[0.0,1.0],[4.0,1.0],[0.0,8.0]],[[1.0,1.0],[5.0,1.0],[1.0,8.0]]],' +
+      '"points":[2,4],"rotation":[0.5,0.5],"scale":[1.0,1.0],"visible":[0.75,0.75],"xy":[[0.25,0.0],[1.25,2.0]]}]}\n',
+  );
+  expect(JSON.parse(text).objects[0].points).toEqual([2, 4]);
 });
 
 test("JSON is that of the command line", () => {

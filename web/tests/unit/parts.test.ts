@@ -1,34 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 import { expect, test } from "vitest";
-import { covers, grid, spread } from "../../src/brush";
+import { grid } from "../../src/brush";
 import { confidenceColor } from "../../src/draw";
 import { Figures, quantile } from "../../src/figures";
 import { DEFAULTS, formatSettings, parseSettings } from "../../src/settings";
 import { sentSize } from "../../src/sources/source";
-
-const STROKE = [{ x: 100, y: 100 }, { x: 200, y: 140 }];
-
-test("a stroke is filled evenly, inside of what it covers and of the frame", () => {
-  const points = spread(STROKE, 20, 16, 640, 480);
-  expect(points.length).toBeGreaterThan(11);
-  expect(points.length).toBeLessThanOrEqual(16);
-  expect(points.every((p) => covers(STROKE, 20, p))).toBe(true);
-  const gaps = points.map((p) => Math.min(...points.filter((q) => q !== p).map((q) => Math.hypot(p.x - q.x, p.y - q.y))));
-  expect(Math.min(...gaps)).toBeGreaterThan(10);
-});
-
-test("what a stroke covers outside of the frame gets no points", () => {
-  const points = spread([{ x: 0, y: 50 }], 30, 20, 640, 480);
-  expect(points.length).toBeGreaterThan(0);
-  expect(points.every(({ x }) => x >= 0)).toBe(true);
-  expect(spread([{ x: -90, y: 50 }], 30, 20, 640, 480)).toEqual([]);
-});
-
-test("a touch of the brush places one point at least, and one point is the middle's neighbour", () => {
-  const [point, ...more] = spread([{ x: 50, y: 60 }], 4, 1, 640, 480);
-  expect(more).toEqual([]);
-  expect(Math.hypot(point!.x - 50, point!.y - 60)).toBeLessThanOrEqual(4);
-});
 
 test("a grid fills the frame as the command line's does", () => {
   const points = grid(12, 400, 300);

@@ -2,7 +2,8 @@
 import { expect, test } from "vitest";
 import { SessionState } from "../../src/session";
 import { makeConfig, type SessionAccepted } from "../../src/wire";
-import { accepted, checkpoint, nameOf, request, response, run, tracks } from "./support";
+import { objectPointId } from "../../src/wire";
+import { accepted, checkpoint, inMessages, nameOf, objectRun, request, response, run, tracks } from "./support";
 
 const JPEG = new Uint8Array(100);
 
@@ -53,6 +54,28 @@ test("a session without points goes by the server's word as well", () => {
   expect(session.frames).toBe(12);
   session.take(tracks(1));
   expect(session.wantsFrame).toBe(true);
+});
+
+test("an object goes with its frame, and its points have ids of its own", () => {
+  const session = begun();
+  session.pushFrame(JPEG, [], [{ id: 5, mask: new Uint8Array([1, 2]), points: 24 }]);
+  session.removePoints([objectPointId(5, 0), objectPointId(5, 23), 7]);
+  const [frame, removal] = [request(session.takeMessage()!), request(session.takeMessage()!)];
+  expect(frame.case === "frame" && frame.value.objects).toMatchObject([{ id: 5, points: 24, shape: { case: "maskPng" } }]);
+  const first = 2n ** 63n + 5n * 2n ** 32n;
+  expect(removal.case === "removePoints" && removal.value.ids).toEqual([first, first + 23n, 7n]);
+  expect(inMessages(objectPointId(5, 23))).toBe(first + 23n);
+});
+
+test("what is final of an object comes once, and says which points have left it", () => {
+  const session = begun();
+  const answer = session.take(tracks(12, [run(objectPointId(5, 3), 0, 2)], [objectRun(5, 0, 12, 5, 0, [1, 3])]));
+  expect(answer).toMatchObject({ runs: [{ id: objectPointId(5, 3) }], objects: [objectRun(5, 0, 12, 5, 0, [1, 3])] });
+  begin(session);
+  const again = session.take(tracks(12, [], [objectRun(5, 0, 12, 8), objectRun(6, 0, 3, 1)]));
+  expect(again.kind === "tracks" && again.objects).toEqual([objectRun(5, 5, 7, 3), objectRun(6, 0, 3, 1)]);
+  const finals = session.take(tracks(12, [], [objectRun(5, 0, 5, 5)]));
+  expect(finals.kind === "tracks" && finals.objects).toEqual([]);
 });
 
 test("points go with their frame, or on the newest one, in the order in which they were placed", () => {

@@ -2,7 +2,7 @@
 import { create, fromBinary, toBinary, type MessageInitShape } from "@bufbuild/protobuf";
 import { TrackRequestSchema, type TrackResponse, TrackResponseSchema } from "../../src/gen/holdfast/v1/point_tracking_pb";
 import type { Socket, World } from "../../src/connection";
-import type { Run } from "../../src/wire";
+import { OBJECT_POINTS, type ObjectRun, type Run } from "../../src/wire";
 
 export const response = (value: MessageInitShape<typeof TrackResponseSchema>["response"]): TrackResponse =>
   create(TrackResponseSchema, { response: value });
@@ -21,13 +21,26 @@ export const accepted = (more: object = {}) =>
     value: { hopFrames: 8, windowFrames: 24, iterations: 4, replayFrames: 32, checkpointIntervalFrames: 24, ...more },
   });
 
-export const tracks = (framesProcessed: number, runs: Run[] = []) =>
+/** An id as messages have it. */
+export const inMessages = (id: number) => BigInt(id) + (id < OBJECT_POINTS ? 0n : 2n ** 63n);
+
+export const tracks = (framesProcessed: number, runs: Run[] = [], objects: ObjectRun[] = []) =>
   response({
     case: "tracks",
     value: {
       framesReceived: BigInt(framesProcessed),
       framesProcessed: BigInt(framesProcessed),
-      runs: runs.map((run) => ({ ...run, id: BigInt(run.id), firstFrame: BigInt(run.firstFrame) })),
+      runs: runs.map((run) => ({ ...run, id: inMessages(run.id), firstFrame: BigInt(run.firstFrame) })),
+      objects: objects.map(({ samples, ...run }) => ({
+        ...run,
+        firstFrame: BigInt(run.firstFrame),
+        samples: samples.map(({ outline, left, ...sample }) => ({
+          ...sample,
+          outlineX: outline.map(([x]) => x),
+          outlineY: outline.map(([, y]) => y),
+          left: left.map((i) => inMessages(OBJECT_POINTS * run.id + i)),
+        })),
+      })),
     },
   });
 
@@ -49,6 +62,15 @@ export function run(id: number, firstFrame: number, length: number, finalCount =
     confidence: frames.map(() => 0.5),
     finalCount,
   };
+}
+
+/** An object whose centre is at x = frame + offset, y = 2 frame, of which the points `left` have left. */
+export function objectRun(id: number, firstFrame: number, length: number, finalCount = 0, offset = 0, left: number[] = []): ObjectRun {
+  const samples = Array.from({ length }, (_, i) => {
+    const t = firstFrame + i;
+    return { x: t + offset, y: 2 * t, scale: 1, rotation: 0.5, visible: 0.75, outline: [[t, 1], [t + 4, 1], [t, 8]] as [number, number][], left };
+  });
+  return { id, firstFrame, samples, finalCount };
 }
 
 /** A WebSocket whose other end is the test. */

@@ -3,7 +3,8 @@ import { beforeAll, expect, test, vi } from "vitest";
 import { DEFAULTS } from "../../src/settings";
 import type { Picture, Source } from "../../src/sources/source";
 import { Tracker } from "../../src/tracker";
-import { accepted, FakeWorld, request, response, run, tracks } from "./support";
+import { objectPointId } from "../../src/wire";
+import { accepted, FakeWorld, objectRun, request, response, run, tracks } from "./support";
 
 beforeAll(() => vi.stubGlobal("createImageBitmap", async () => ({ close: () => {} })));
 
@@ -129,6 +130,74 @@ test("a correction on an earlier frame leaves the estimates of this run alone", 
   expect(tracker.stale.value).toBe(true);
   expect(tracker.tracks.get(id!)!.at(4)!.x).toBe(4);
   expect(tracker.points.get(id!)!.placed.map(({ frame }) => frame)).toEqual([0, 2]);
+});
+
+const STROKE = { path: [{ x: 50, y: 50 }], radius: 20 };
+const MASK = new Uint8Array([1]);
+
+/** The objects that a message has. */
+function objectsOf(bytes: Uint8Array): number[] {
+  const message = request(bytes);
+  return message.case === "frame" ? message.value.objects.map(({ id }) => id) : [];
+}
+
+test("an object begins on the frame that it was painted on, or on the next where that one was sent", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  expect(tracker.addObject(STROKE, MASK, 3)).toBe(1);
+  tracker.start();
+  await accept(world);
+  expect(objectsOf(world.socket.sent[1]!)).toEqual([1]);
+  const id = tracker.addObject(STROKE, MASK, 3)!; // on frame 11, the newest sent
+  world.socket.say(tracks(1, [run(objectPointId(1, 2), 0, 1)], [objectRun(1, 0, 1)]));
+  await settled();
+  expect([world.socket.names.at(-1), objectsOf(world.socket.sent.at(-1)!)]).toEqual(["frame 12", [id]]);
+  expect([...tracker.tracks.tracks].map((track) => track.id)).toEqual([4]);
+  tracker.remove([1]);
+  const removal = request(world.socket.sent.at(-1)!);
+  expect(removal.case === "removePoints" && removal.value.ids.length).toBe(3);
+  expect([[...tracker.tracks.tracks], [...tracker.tracks.objects].length]).toEqual([[], 1]);
+  expect(tracker.stale.value).toBe(false);
+  tracker.show(2);
+  tracker.addObject(STROKE, MASK, 3);
+  expect(tracker.stale.value).toBe(true);
+});
+
+test("no frame is sent while something is drawn", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.start();
+  await accept(world);
+  tracker.hold(true);
+  world.socket.say(tracks(5));
+  await settled();
+  expect([world.socket.names.at(-1), tracker.shown.value]).toEqual(["frame 11", 11]);
+  tracker.hold(false);
+  await settled();
+  expect(world.socket.names.at(-1)).toBe("frame 16");
+});
+
+test("an object for which no frame came begins on the last one when the run begins anew", async () => {
+  const { tracker, world } = await loaded(new FakeSource(12));
+  tracker.start();
+  await accept(world, { hopFrames: 7 }); // 11 frames leave
+  tracker.addObject(STROKE, MASK, 3);
+  tracker.stop();
+  await settled();
+  world.socket.say(response({ case: "summary", value: {} }));
+  expect(tracker.stale.value).toBe(true);
+  tracker.start();
+  await accept(world);
+  expect(objectsOf(world.socket.sent[11]!)).toEqual([1]);
+});
+
+test("more objects, or points of theirs, than the server takes are refused here", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  tracker.start();
+  await accept(world, { limits: { maxPoints: 9, maxObjects: 1 } });
+  expect(tracker.addObject(STROKE, MASK, 10)).toBeNull();
+  expect(tracker.notice.value!.text).toContain("at most 9 points");
+  expect(tracker.addObject(STROKE, MASK, 5)).toBe(1);
+  expect(tracker.addObject(STROKE, MASK, 4)).toBeNull();
+  expect(tracker.notice.value!.text).toContain("at most 1 objects");
 });
 
 test("a camera starts at once, and stopping it makes everything final", async () => {

@@ -3,7 +3,8 @@ import { expect, test } from "vitest";
 import { shownFrames, stretches } from "../../src/lanes";
 import { Points } from "../../src/points";
 import { TrackStore } from "../../src/tracks";
-import { run } from "./support";
+import { objectPointId } from "../../src/wire";
+import { objectRun, run } from "./support";
 
 function storeWith(...ids: number[]): TrackStore {
   const store = new TrackStore();
@@ -67,6 +68,40 @@ test("the slowest point says how far frames are final", () => {
   store.remove(2);
   expect(store.finalFrames(40)).toBe(12);
   expect(storeWith().finalFrames(40)).toBe(40);
+});
+
+test("an object has a life of its own, and points that are there once something is heard of them", () => {
+  const store = storeWith(1);
+  const object = store.seedObject(2, 4, "Object 2");
+  expect([object.newest(9), store.finalFrames(40)]).toEqual([-1, 0]);
+  store.apply([run(objectPointId(2, 0), 4, 6, 3), run(objectPointId(2, 7), 4, 6, 3)], [objectRun(2, 4, 6, 2)]);
+  store.apply([], [objectRun(2, 4, 8, 0, 100, [7])]); // would revise everything
+  expect([4, 5, 6, 11].map((t) => object.at(t)!.x)).toEqual([4, 5, 106, 111]);
+  expect([object.finalEnd, object.isFinal(5), object.isFinal(6), object.has(12)]).toEqual([6, true, false, false]);
+  const points = store.pointsOf(2);
+  expect(points.map(({ id, name, order, start }) => [id, name, order, start])).toEqual([[3, "3", 1, 4], [10, "10", 1, 4]]);
+  expect(points.map(({ id }) => object.hasLeft(id, 8))).toEqual([false, true]);
+  expect(object.hasLeft(10, 5)).toBe(false); // it had not by then
+  expect(store.finalFrames(40)).toBe(0); // of point 1 nothing is known
+});
+
+test("an object goes with all of its points, and late results meet nobody", () => {
+  const store = storeWith(1);
+  store.seedObject(2, 0, "Object 2");
+  store.apply([run(objectPointId(2, 0), 0, 3)], [objectRun(2, 0, 3)]);
+  store.remove(2);
+  store.apply([run(objectPointId(2, 1), 0, 3)], [objectRun(2, 0, 3)]);
+  expect([...store.tracks].map(({ id }) => id)).toEqual([1]);
+  expect([...store.objects]).toEqual([]);
+});
+
+test("an object takes as many ids as it may have points", () => {
+  const points = new Points();
+  const stroke = { path: [{ x: 1, y: 1 }], radius: 9 };
+  const object = points.addObject({ frame: 3, shown: 2, stroke, mask: new Uint8Array(), count: 24 });
+  expect([object.id, points.add(0, 1, 1).id, points.most]).toEqual([1, 26, 25]);
+  expect(points.objectsOn(3)).toEqual([{ id: 1, mask: object.mask, points: 24 }]);
+  expect(points.objectsOn(2)).toEqual([]);
 });
 
 test("ids of removed points are not given again", () => {
