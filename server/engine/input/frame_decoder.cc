@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/input/frame_decoder.h"
 
-#include <new>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "absl/strings/str_cat.h"
 #include "server/engine/input/jpeg_check.h"
+#include "server/engine/input/opencv_decoder.h"
 #include "server/engine/input/png_check.h"
 
 namespace holdfast {
@@ -26,25 +26,14 @@ absl::StatusOr<ImageSize> EncodedSize(absl::string_view bytes, const FrameFormat
   }
 }
 
-absl::StatusOr<cv::Mat> DecodeWithOpenCv(absl::string_view bytes, ImageSize size) {
-  char* data = const_cast<char*>(bytes.data());  // only read
-  const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8UC1, data);
-  cv::Mat image = cv::imdecode(encoded, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
-  if (image.cols != size.width || image.rows != size.height) {
-    return absl::InvalidArgumentError("not a picture of the session's encoding, or broken");
-  }
-  return image;
-}
-
 // The picture in the colours of the third argument of cvtColor; may look into 'bytes'.
 absl::StatusOr<cv::Mat> Open(absl::string_view bytes, const FrameFormat& format, ImageSize size) {
   if (IsRaw(format.encoding)) {
     char* data = const_cast<char*>(bytes.data());  // only read
     return cv::Mat(size.height, size.width, format.encoding == FrameEncoding::kGray8 ? CV_8UC1 : CV_8UC3, data);
   }
-  if (format.encoding == FrameEncoding::kJpeg) return DecodeWithOpenCv(bytes, size);
-  if (absl::Status status = CheckPngData(bytes); !status.ok()) return status;
-  return DecodeWithOpenCv(PngWithoutMetadata(bytes), size);
+  if (format.encoding == FrameEncoding::kJpeg) return DecodeWithOpenCv(bytes, size, cv::IMREAD_COLOR);
+  return DecodePng(bytes, size, cv::IMREAD_COLOR);
 }
 
 void ToRgb(const cv::Mat& image, FrameEncoding encoding, cv::Mat& rgb) {
@@ -106,14 +95,8 @@ absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& 
 
 absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
                                      ImageSize processing_size, GrayImage* gray) {
-  try {
-    return Decode(bytes, format, size, processing_size, gray);
-  } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError("no memory to decode the frame");
-  } catch (const cv::Exception& e) {
-    if (e.code == cv::Error::StsNoMem) return absl::ResourceExhaustedError("no memory to decode the frame");
-    return absl::InvalidArgumentError("the picture is broken");
-  }
+  return CatchOpenCv("decode the frame", absl::InvalidArgumentError("the picture is broken"),
+                     [&] { return Decode(bytes, format, size, processing_size, gray); });
 }
 
 }  // namespace holdfast

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <new>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -12,6 +11,7 @@
 #include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
 #include "api/limits.h"
+#include "server/engine/input/opencv_decoder.h"
 #include "server/engine/input/png_check.h"
 #include "server/engine/objects/placement.h"
 
@@ -86,15 +86,11 @@ class ObjectCheck {
 cv::Mat ViewMask(GrayImage& mask) { return cv::Mat(mask.size.height, mask.size.width, CV_8UC1, mask.pixels.data()); }
 
 absl::StatusOr<GrayImage> ReadMask(const std::string& png, ImageSize frame) {
-  if (absl::Status status = CheckPngData(png); !status.ok()) return status;
-  const std::string picture_png = PngWithoutMetadata(png);
-  char* data = const_cast<char*>(picture_png.data());  // only read
-  const cv::Mat encoded(1, static_cast<int>(picture_png.size()), CV_8UC1, data);
-  const cv::Mat picture = cv::imdecode(encoded, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);
-  if (picture.cols != frame.width || picture.rows != frame.height) return absl::InvalidArgumentError("is broken");
+  const absl::StatusOr<cv::Mat> picture = DecodePng(png, frame, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH);
+  if (!picture.ok()) return picture.status();
   GrayImage mask{frame, std::vector<uint8_t>(Pixels(frame))};
   cv::Mat covered;
-  cv::inRange(picture, cv::Scalar::all(0), cv::Scalar::all(0), covered);
+  cv::inRange(*picture, cv::Scalar::all(0), cv::Scalar::all(0), covered);
   cv::bitwise_not(covered, ViewMask(mask));
   return mask;
 }
@@ -177,14 +173,8 @@ Violations CheckObject(absl::string_view field, const ObjectQuery& object, std::
 
 absl::StatusOr<PlacedObject> PlaceObject(const ObjectQuery& object, absl::string_view field, ImageSize frame,
                                          const GrayImage& gray) {
-  try {
-    return Place(object, field, frame, gray);
-  } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError("no memory to read an object");
-  } catch (const cv::Exception& e) {
-    if (e.code == cv::Error::StsNoMem) return absl::ResourceExhaustedError("no memory to read an object");
-    return InvalidFieldError(field, "its mask is broken");
-  }
+  return CatchOpenCv("read an object", InvalidFieldError(field, "its mask is broken"),
+                     [&] { return Place(object, field, frame, gray); });
 }
 
 }  // namespace holdfast
