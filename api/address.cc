@@ -2,10 +2,13 @@
 #include "api/address.h"
 
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/strip.h"
 
 namespace holdfast {
 namespace {
+
+constexpr int kMaxPort = 65535;
 
 // One of IPv4's 127.0.0.0/8, by number: names may begin like it.
 bool IsLoopbackNumber(absl::string_view host) {
@@ -13,6 +16,17 @@ bool IsLoopbackNumber(absl::string_view host) {
 }
 
 }  // namespace
+
+std::optional<HostPort> SplitHostPort(absl::string_view address) {
+  const size_t colon = address.rfind(':');
+  HostPort parts;
+  if (colon == absl::string_view::npos || !absl::SimpleAtoi(address.substr(colon + 1), &parts.port)) return {};
+  if (parts.port < 0 || parts.port > kMaxPort) return {};
+  absl::string_view host = address.substr(0, colon);
+  if (absl::ConsumePrefix(&host, "[") && !absl::ConsumeSuffix(&host, "]")) return {};
+  parts.host = std::string(host);
+  return parts;
+}
 
 bool IsLoopback(absl::string_view address) {
   absl::ConsumePrefix(&address, "dns:///");

@@ -5,9 +5,10 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "api/address.h"
 #include "api/errors.h"
 
 namespace holdfast {
@@ -30,16 +31,15 @@ absl::Status NotHealthy(const std::string& metrics_listen, absl::string_view why
 }  // namespace
 
 absl::Status CheckHealth(const std::string& metrics_listen, absl::Duration timeout) {
-  const size_t colon = metrics_listen.rfind(':');
-  int port = 0;
-  if (colon == std::string::npos || !absl::SimpleAtoi(metrics_listen.substr(colon + 1), &port) || port <= 0) {
+  const std::optional<HostPort> parts = SplitHostPort(metrics_listen);
+  if (!parts || parts->port == 0) {
     return InvalidFieldError("metrics_listen",
                              absl::StrCat("is \"", metrics_listen, "\", expected host:port with a port other than 0"));
   }
   std::array<char, 256> error{};
-  const std::string host = HostToAsk(metrics_listen.substr(0, colon));
+  const std::string host = HostToAsk(parts->host);
   const std::unique_ptr<mg_connection, Close> connection(
-      mg_connect_client(host.c_str(), port, /*use_ssl=*/0, error.data(), error.size()));
+      mg_connect_client(host.c_str(), parts->port, /*use_ssl=*/0, error.data(), error.size()));
   if (connection == nullptr) return NotHealthy(metrics_listen, absl::StrCat("cannot be reached: ", error.data()));
   mg_write(connection.get(), kRequest, sizeof(kRequest) - 1);
   const int milliseconds = static_cast<int>(absl::ToInt64Milliseconds(timeout));

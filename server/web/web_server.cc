@@ -6,6 +6,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core/error.hpp>
 #include <chrono>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -30,16 +31,6 @@ std::string NameOf(const tcp::endpoint& peer) {
   return absl::StrCat(brackets ? "ipv6:[" : "ipv4:", address.to_string(), brackets ? "]:" : ":", peer.port());
 }
 
-absl::StatusOr<std::pair<std::string, std::string>> HostAndPort(const std::string& address) {
-  const size_t colon = address.rfind(':');
-  if (colon == std::string::npos) {
-    return absl::InvalidArgumentError(absl::StrCat("web_listen is '", address, "', expected host:port"));
-  }
-  std::string host = address.substr(0, colon);
-  if (host.size() >= 2 && host.front() == '[' && host.back() == ']') host = host.substr(1, host.size() - 2);
-  return std::make_pair(std::move(host), address.substr(colon + 1));
-}
-
 }  // namespace
 
 class WebServer::Impl {
@@ -56,11 +47,11 @@ class WebServer::Impl {
   }
 
   absl::Status Listen(const std::string& address) {
-    const auto parts = HostAndPort(address);
-    if (!parts.ok()) return parts.status();
+    const std::optional<HostPort> parts = SplitHostPort(address);
+    if (!parts) return absl::InvalidArgumentError(absl::StrCat("web_listen is '", address, "', expected host:port"));
     error_code error;
     tcp::resolver resolver(context_);
-    const auto found = resolver.resolve(parts->first, parts->second, tcp::resolver::passive, error);
+    const auto found = resolver.resolve(parts->host, absl::StrCat(parts->port), tcp::resolver::passive, error);
     if (!error) error = ListenAt(found.begin()->endpoint());
     if (error) {
       return absl::UnavailableError(absl::StrCat("cannot listen on ", address, " for the web: ", error.message()));

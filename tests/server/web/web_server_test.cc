@@ -233,7 +233,8 @@ TEST(WebServerStartTest, APortInUseIsAnError) {
   options.listen = "127.0.0.1:0";
   for (const auto& [address, said] : std::vector<std::pair<std::string, std::string>>{
            {absl::StrCat("127.0.0.1:", first.server().web_port()), "cannot listen on"},
-           {"nowhere", "expected host:port"}}) {
+           {"nowhere", "expected host:port"},
+           {"127.0.0.1:http", "expected host:port"}}) {
     options.web_listen = address;
     SimulatedClock clock;
     PrometheusMetrics metrics(MakeLogger(LogFormat::kText, "off"));
