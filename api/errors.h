@@ -55,6 +55,9 @@ absl::Status InvalidFieldError(absl::string_view field, absl::string_view descri
 // Empty when 'status' carries none.
 std::vector<FieldViolation> FieldViolations(const absl::Status& status);
 
+// When a place may be free again. Sessions last seconds to hours; a client that asks this often does no harm.
+constexpr absl::Duration kRetryAfter = absl::Seconds(2);
+
 // RESOURCE_EXHAUSTED: the quota 'subject' is used up; the caller may try again after 'retry_after' (zero: never).
 absl::Status OverloadError(absl::string_view subject, absl::string_view description, absl::Duration retry_after);
 

@@ -9,9 +9,8 @@
 namespace holdfast {
 namespace {
 
-constexpr absl::string_view kScheme = "bearer ";                 // its case plays no part
-constexpr absl::Duration kLogPeriod = absl::Seconds(10);         // a stranger shall not fill the log
-constexpr absl::Duration kRetryAfterSession = absl::Seconds(2);  // some session of the caller may have ended by then
+constexpr absl::string_view kScheme = "bearer ";          // its case plays no part
+constexpr absl::Duration kLogPeriod = absl::Seconds(10);  // a stranger shall not fill the log
 
 // Empty where there is none.
 absl::string_view TokenOf(absl::string_view authorization) {
@@ -56,7 +55,7 @@ absl::StatusOr<Gatekeeper::Pass> Gatekeeper::Admit(absl::string_view authorizati
   int& open = open_[grant->name];
   if (grant->max_sessions > 0 && open >= grant->max_sessions) {
     return OverloadError("sessions", absl::StrCat("all ", grant->max_sessions, " of ", grant->name, " are open"),
-                         kRetryAfterSession);
+                         kRetryAfter);
   }
   ++open;
   return Pass(this, *std::move(grant));

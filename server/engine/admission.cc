@@ -10,9 +10,6 @@
 namespace holdfast {
 namespace {
 
-// Sessions last seconds to hours; a client that asks this often does no harm.
-constexpr absl::Duration kRetryAfter = absl::Seconds(2);
-
 // Point-frames a second that the session takes with this many points.
 double WorkOf(const Admission::Demand& demand, int64_t points) {
   const auto most = static_cast<double>(std::max(points, demand.points));

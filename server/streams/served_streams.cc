@@ -15,7 +15,6 @@ namespace {
 
 constexpr absl::Duration kHousekeepingPeriod = absl::Milliseconds(50);
 constexpr absl::Duration kFlushTime = absl::Seconds(10);  // after the grace period: for checkpoints to be sent
-constexpr absl::Duration kRetryAfter = absl::Seconds(2);
 
 absl::Status StillLoading() { return absl::UnavailableError("the server is still loading its model"); }
 
