@@ -3,6 +3,7 @@
 function(holdfast_embed target)
   cmake_parse_arguments(A "" "" "FILES" ${ARGN})
   set(blobs "")
+  set(paths "")
   set(declarations "")
   set(entries "")
   set(number 0)

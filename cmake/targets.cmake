@@ -67,16 +67,21 @@ function(holdfast_defines_flags source)
   endif()
 endfunction()
 
+# What programs and tests' programs have in common; 'folder' is where the executable lies.
+function(_holdfast_executable target sources deps pch folder)
+  add_executable(${target} ${sources})
+  target_link_libraries(${target} PRIVATE ${deps})
+  _holdfast_common(${target} "${pch}")
+  if(HOLDFAST_SANITIZE STREQUAL thread AND HOLDFAST_TESTS)  # tests run the programs
+    target_link_libraries(${target} PRIVATE holdfast_tsan_libraries)
+  endif()
+  set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/${folder})
+endfunction()
+
 # holdfast_program(name SOURCES ... DEPS ... [PCH torch|grpc]); the target has the executable's file name.
 function(holdfast_program name)
   cmake_parse_arguments(A "" "PCH" "SOURCES;DEPS" ${ARGN})
-  add_executable(${name} ${A_SOURCES})
-  target_link_libraries(${name} PRIVATE ${A_DEPS})
-  _holdfast_common(${name} "${A_PCH}")
-  if(HOLDFAST_SANITIZE STREQUAL thread AND HOLDFAST_TESTS)
-    target_link_libraries(${name} PRIVATE holdfast_tsan_libraries)  # tests run the program
-  endif()
-  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+  _holdfast_executable(${name} "${A_SOURCES}" "${A_DEPS}" "${A_PCH}" bin)
   install(TARGETS ${name} RUNTIME COMPONENT ${name})
 endfunction()
 
@@ -84,18 +89,12 @@ endfunction()
 # of tests, which does not fit what links gRPC. Code of tests is optimised lightly: it runs once, and most of the time of a
 # build goes into tests.
 function(_holdfast_test_program target module sources deps pch)
-  add_executable(${target} ${sources})
-  target_link_libraries(${target} PRIVATE ${deps} holdfast_test_main GTest::gmock)
   if(NOT pch)
     set(pch test)
   endif()
-  _holdfast_common(${target} "${pch}")
+  _holdfast_executable(${target} "${sources}" "${deps};holdfast_test_main;GTest::gmock" "${pch}" tests)
   target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
-  if(HOLDFAST_SANITIZE STREQUAL thread)
-    target_link_libraries(${target} PRIVATE holdfast_tsan_libraries)
-  endif()
   target_compile_definitions(${target} PRIVATE HOLDFAST_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
-  set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
   string(REPLACE "/" ";" folders ${module})
   set(group "")
   foreach(folder ${folders})

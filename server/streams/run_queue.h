@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <iterator>
 #include <list>
+#include <type_traits>
 #include <utility>
 #include <vector>
 

@@ -53,8 +53,6 @@ websocket::close_code CloseCodeOf(const absl::Status& status) {
   }
 }
 
-std::string Serialize(const v1::TrackResponse& response) { return response.SerializeAsString(); }
-
 }  // namespace
 
 // The stream together with the socket that carries it; owned by ServedStreams.
@@ -110,7 +108,7 @@ void WebSocket::StartRead() {
 }
 
 void WebSocket::StartWrite(const v1::TrackResponse& response) {
-  OnItsThread([bytes = Serialize(response)](WebSocket& it) mutable { it.Write(std::move(bytes)); });
+  OnItsThread([bytes = response.SerializeAsString()](WebSocket& it) mutable { it.Write(std::move(bytes)); });
 }
 
 void WebSocket::Finish(const absl::Status& status) {
@@ -158,7 +156,7 @@ void WebSocket::End(const absl::Status& status) {
   if (status.ok()) return Close(status);
   v1::TrackResponse response;
   *response.mutable_error() = ToRpcStatus(status);
-  outgoing_ = Serialize(response);
+  outgoing_ = response.SerializeAsString();
   socket_.async_write(boost::asio::buffer(outgoing_), [self = shared_from_this(), status](error_code error, size_t) {
     if (error) return self->Retire();
     self->Close(status);
