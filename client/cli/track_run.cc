@@ -2,10 +2,8 @@
 #include "client/cli/track_run.h"
 
 #include <algorithm>
-#include <map>
 #include <opencv2/core.hpp>
 #include <optional>
-#include <set>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -15,7 +13,6 @@
 #include "absl/strings/strip.h"
 #include "absl/synchronization/mutex.h"
 #include "api/clock.h"
-#include "api/limits.h"
 #include "client/cli/answer_times.h"
 #include "client/cli/backward_pass.h"
 #include "client/cli/frame_choice.h"
@@ -24,6 +21,7 @@
 #include "client/cli/progress.h"
 #include "client/cli/track_extent.h"
 #include "client/cli/track_output.h"
+#include "client/cli/track_queries.h"
 #include "client/cli/track_table.h"
 
 namespace holdfast {
@@ -33,25 +31,17 @@ namespace {
 // queue it would only become old.
 constexpr int64_t kLiveFramesInFlight = 8;
 
-// The input's frames that something starts on.
-std::set<int64_t> QueriedFrames(const TrackInputs& inputs) {
-  std::set<int64_t> queried;
-  for (const StartPoint& point : inputs.points) queried.insert(point.frame);
-  if (inputs.object) queried.insert(inputs.object->frame);
-  return queried;
-}
-
 int64_t TotalFrames(const TrackOptions& options, const FrameChoice& choice, const FrameSource& source) {
   const int64_t frames = choice.CountOf(source.frames());
   if (options.max_frames == 0) return frames;
   return frames == 0 ? options.max_frames : std::min(frames, options.max_frames);
 }
 
-// Those on the way back count a second time.
-int64_t ProgressTotal(const TrackOptions& options, const FrameChoice& choice, int64_t total,
-                      const std::set<int64_t>& queried) {
-  if (!options.both || total == 0) return total;
-  return total + std::min(total, choice.CountOf(*queried.rbegin()) + 1);
+// Those on the way back count a second time: those up to the last one that something starts on, unless it is the first.
+int64_t ProgressTotal(const TrackOptions& options, const FrameChoice& choice, int64_t total, int64_t last_queried) {
+  const int64_t past = choice.CountOf(last_queried);
+  if (!options.both || total == 0 || past == 0) return total;
+  return total + std::min(total, past + 1);
 }
 
 // The overlay plays as long as what it was made of.
@@ -70,35 +60,29 @@ OverlayVideo::Options OverlayOptions(const TrackOptions& options) {
 // thread delivers estimates.
 class TrackRun final : public TrackObserver {
  public:
-  TrackRun(const TrackOptions& options, const TrackEnvironment& environment, TrackInputs inputs)
+  TrackRun(const TrackOptions& options, const TrackEnvironment& environment, const FrameEncoder& encoder,
+           TrackQueries queries, TrackInputs inputs)
       : options_(options),
         environment_(environment),
-        object_(inputs.object),
-        encoder_(inputs.source->size(), options.max_side, options.jpeg_quality),
+        encoder_(encoder),
+        queries_(std::move(queries)),
         facts_{inputs.source->size(), inputs.source->fps()},
-        queried_(QueriedFrames(inputs)),
-        choice_(options.start_frame, options.every, queried_),
+        choice_(options.start_frame, options.every, queries_.frames()),
         total_frames_(TotalFrames(options, choice_, *inputs.source)),
         drop_(options.live && inputs.source->live()),
         reader_(std::move(inputs.source), {choice_, drop_}),
         overlay_(OverlayOptions(options), OverlayFacts(options, facts_),
                  [view = inputs.view](const cv::Mat& picture) { view->Show(picture); }),
         answers_([] { return SystemClock().SteadyNow(); }),
-        table_(inputs.points, object_, options.both ? TrackTable::Direction::kBoth : TrackTable::Direction::kForward),
+        table_(inputs.points, inputs.object,
+               options.both ? TrackTable::Direction::kBoth : TrackTable::Direction::kForward),
         output_(options.out, inputs.points, environment.out),
-        progress_({environment.terminal, ProgressTotal(options, choice_, total_frames_, queried_),
+        progress_({environment.terminal, ProgressTotal(options, choice_, total_frames_, *queries_.frames().rbegin()),
                    [] { return SystemClock().SteadyNow(); }},
-                  environment.log) {
-    for (const StartPoint& point : inputs.points) starts_[point.frame].push_back(encoder_.ToSent(point.query));
-  }
+                  environment.log) {}
 
   absl::Status Run(PointTracker& tracker) {
-    if (object_) {
-      absl::StatusOr<ObjectQuery> sent = encoder_.ToSent(object_->query);
-      if (!sent.ok()) return sent.status();
-      sent_object_ = *std::move(sent);
-    }
-    auto stream = tracker.Open(Config(), *this);
+    auto stream = tracker.Open(queries_.Config(), *this);
     if (!stream.ok()) return stream.status();
     absl::Status status = Track(**stream);
     stream->reset();  // no answer comes any more
@@ -112,7 +96,7 @@ class TrackRun final : public TrackObserver {
   }
 
   void OnAccepted(const SessionAccepted& accepted) override {
-    if (!object_ || accepted.limits.max_objects > 0) return;
+    if (!queries_.has_object() || accepted.limits.max_objects > 0) return;
     absl::MutexLock lock(&mutex_);
     broken_ = absl::UnimplementedError("--mask: the server is too old, it knows no objects");
   }
@@ -120,7 +104,7 @@ class TrackRun final : public TrackObserver {
   void OnTracks(TrackUpdate update) override {
     for (PointRun& run : update.runs) encoder_.FromSent(run);
     for (ObjectRun& run : update.objects) encoder_.FromSent(run);
-    if (object_) NameObjectPoints(update);
+    queries_.NameObjectPoints(update);
     absl::MutexLock lock(&mutex_);
     // The frame that is just being sent is not counted yet.
     if (broken_.ok() && update.frames_received > sent_ + 1) {
@@ -180,11 +164,8 @@ class TrackRun final : public TrackObserver {
   absl::Status TrackBackward(PointTracker& tracker) {
     const std::vector<PastQuery> queries = PastQueries();
     if (queries.empty()) return absl::OkStatus();
-    SessionConfig config = Config();
-    config.objects.clear();
-    if (options_.promise_fps > 0) config.expected_points = static_cast<int>(queries.size());
-    config.label = "holdfast track --both";
-    BackwardPass pass(config, queries, *spool_, *this, [this](const TrackUpdate& update) { return OnPast(update); });
+    BackwardPass pass(queries_.BackwardConfig(queries.size()), queries, *spool_, *this,
+                      [this](const TrackUpdate& update) { return OnPast(update); });
     return pass.Run(tracker, environment_.stop);
   }
 
@@ -205,50 +186,6 @@ class TrackRun final : public TrackObserver {
     if (status.ok()) status = output_.Write(update, table_);
     progress_.Update(sent_ + update.frames_processed, 0);
     return status;
-  }
-
-  SessionConfig Config() {
-    SessionConfig config;
-    config.encoding = FrameEncoding::kJpeg;
-    config.processing_size = options_.processing_size;
-    config.hop_frames = options_.hop_frames;
-    config.iterations = options_.iterations;
-    config.send_provisional = true;  // kept where the session ends before they are final
-    config.emit = options_.live ? Emit::kEveryFrame : Emit::kWindows;
-    config.points = PointsOf(options_.start_frame);
-    config.objects = ObjectsOf(options_.start_frame);
-    config.frames_per_second = options_.promise_fps;
-    config.label = "holdfast track";
-    if (options_.promise_fps > 0) {
-      absl::MutexLock lock(&mutex_);
-      config.expected_points = static_cast<int>(table_.tracks().size()) + ObjectPoints();
-    }
-    return config;
-  }
-
-  int ObjectPoints() const {
-    if (!object_) return 0;
-    return object_->query.points > 0 ? object_->query.points : kDefaultObjectPoints;
-  }
-
-  std::vector<ObjectQuery> ObjectsOf(int64_t frame) const {
-    return object_ && object_->frame == frame ? std::vector<ObjectQuery>{sent_object_} : std::vector<ObjectQuery>();
-  }
-
-  // Outputs have small ids.
-  void NameObjectPoints(TrackUpdate& update) const {
-    const auto name = [this](PointId& id) {
-      if (IsObjectPoint(id)) id = object_->first_point + (id - ObjectPointId(ObjectOf(id), 0));
-    };
-    for (PointRun& run : update.runs) name(run.id);
-    for (ObjectRun& run : update.objects) {
-      for (ObjectSample& sample : run.samples) std::for_each(sample.left.begin(), sample.left.end(), name);
-    }
-  }
-
-  std::vector<PointQuery> PointsOf(int64_t frame) const {
-    const auto found = starts_.find(frame);
-    return found == starts_.end() ? std::vector<PointQuery>() : found->second;
   }
 
   // An error is one of the session. One of the input ends the input: the tracker still finishes what it has.
@@ -274,7 +211,7 @@ class TrackRun final : public TrackObserver {
 
   // Frames before the first query's have no answers to wait for.
   bool MaySend() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const bool answers_come = sent_ > 0 && table_.Number(sent_ - 1) >= *queried_.begin();
+    const bool answers_come = sent_ > 0 && table_.Number(sent_ - 1) >= *queries_.frames().begin();
     return over_ || !answers_come || sent_ - answers_.answered() < kLiveFramesInFlight;
   }
 
@@ -293,8 +230,8 @@ class TrackRun final : public TrackObserver {
     frame.bytes = *std::move(bytes);
     frame.capture_time = input->capture_time;
     if (index > 0) {  // what starts on the first frame is in the config
-      frame.points = PointsOf(input->number);
-      frame.objects = ObjectsOf(input->number);
+      frame.points = queries_.PointsOf(input->number);
+      frame.objects = queries_.ObjectsOf(input->number);
     }
     absl::MutexLock lock(&mutex_);
     table_.AddFrame(input->number, input->capture_time);
@@ -302,7 +239,7 @@ class TrackRun final : public TrackObserver {
   }
 
   absl::Status KeepForTheWayBack(int64_t number, const std::string& bytes) {
-    if (number > *queried_.rbegin()) return absl::OkStatus();
+    if (number > *queries_.frames().rbegin()) return absl::OkStatus();
     if (!spool_) {
       absl::StatusOr<FrameSpool> spool = FrameSpool::Create();
       if (!spool.ok()) return spool.status();
@@ -384,10 +321,9 @@ class TrackRun final : public TrackObserver {
   }
 
   void WarnOfLatePoints() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    size_t late = 0;
     const int64_t end = sent_ == 0 ? 0 : table_.Number(sent_ - 1) + 1;
-    for (auto it = starts_.lower_bound(end); it != starts_.end(); ++it) late += it->second.size();
-    if (object_ && object_->frame >= end) {
+    const size_t late = queries_.CountPointsFrom(end);
+    if (queries_.ObjectIsFrom(end)) {
       environment_.log << "warning: the object of --mask starts after the last frame and was not tracked\n";
     }
     if (late == 0) return;
@@ -396,18 +332,15 @@ class TrackRun final : public TrackObserver {
 
   const TrackOptions& options_;
   const TrackEnvironment& environment_;
-  const std::optional<StartObject> object_;
-  ObjectQuery sent_object_;  // as object_, for the sent pictures
   const FrameEncoder encoder_;
+  const TrackQueries queries_;
   const VideoFacts facts_;
-  const std::set<int64_t> queried_;  // the input's frames that points or the object start on; not empty
   const FrameChoice choice_;
   const int64_t total_frames_;  // as the input announces; 0: not known
   const bool drop_;             // frames of the input are left out when they come too fast
   FrameReader reader_;
-  std::map<int64_t, std::vector<PointQuery>> starts_;  // by the input's frame, pixels of the sent frames
-  std::optional<FrameSpool> spool_;                    // as sent, up to the last of 'queried_'; of the main thread
-  OverlayVideo overlay_;                               // of the main thread
+  std::optional<FrameSpool> spool_;  // as sent, up to the last one that something starts on; of the main thread
+  OverlayVideo overlay_;             // of the main thread
   AnswerTimes answers_;
   absl::Status input_error_;  // of the main thread
 
@@ -425,7 +358,10 @@ class TrackRun final : public TrackObserver {
 
 absl::Status TrackInput(const TrackOptions& options, const TrackEnvironment& environment, TrackInputs inputs,
                         PointTracker& tracker) {
-  return TrackRun(options, environment, std::move(inputs)).Run(tracker);
+  const FrameEncoder encoder(inputs.source->size(), options.max_side, options.jpeg_quality);
+  absl::StatusOr<TrackQueries> queries = TrackQueries::Create(options, encoder, inputs.points, inputs.object);
+  if (!queries.ok()) return queries.status();
+  return TrackRun(options, environment, encoder, *std::move(queries), std::move(inputs)).Run(tracker);
 }
 
 }  // namespace holdfast

@@ -322,6 +322,16 @@ TEST_F(TrackCommandTest, BothTracksThePastOfPointsInASecondSession) {
       << "this tracker's points move to the right whichever way the frames come";
   EXPECT_EQ(json["points"][0]["xy"][5], nlohmann::json::parse("[15.0, 20.0]"));
   EXPECT_EQ(FramesOf(options_.overlay.video), 6);
+  EXPECT_THAT(log_.str(), HasSubstr("10/10 frames")) << "there and back";
+}
+
+TEST_F(TrackCommandTest, WhereNothingHasAPastTheProgressOfBothEndsWithTheFrames) {
+  Points("1,10,20\n");
+  options_.both = true;
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  EXPECT_EQ(tracker.configs().size(), 1u);
+  EXPECT_THAT(log_.str(), HasSubstr("6/6 frames"));
 }
 
 // Opens its first session at one tracker and the next ones at another.
