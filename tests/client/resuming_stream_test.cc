@@ -132,8 +132,7 @@ TEST(ResumingStreamTest, AfterACutTheSessionGoesOnFromItsNewestCheckpoint) {
   Observer observer;
   auto stream = Open(At({server.address()}), observer);
   ASSERT_NE(stream, nullptr);
-  EXPECT_THAT(Push(*stream, 0, 20), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 20), IsOk());
   ExpectEachFrameFinalOnce(observer, 20);
   EXPECT_EQ(observer.summary.frames, 20);
   EXPECT_THAT(observer.events, ElementsAre("accepted", "reconnecting", "resumed 6", "done"));
@@ -152,8 +151,7 @@ TEST(ResumingStreamTest, SeveralInterruptionsAreOneSession) {
   Observer observer;
   auto stream = Open(At({server.address()}), observer);
   ASSERT_NE(stream, nullptr);
-  EXPECT_THAT(Push(*stream, 0, 60), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 60), IsOk());
   ExpectEachFrameFinalOnce(observer, 60);
   EXPECT_THAT(server.seen(), SizeIs(5));
 }
@@ -166,8 +164,7 @@ TEST(ResumingStreamTest, BeforeTheFirstCheckpointTheSessionBeginsAnew) {
   auto stream = Open(At({server.address()}), observer, config);
   ASSERT_NE(stream, nullptr);
   EXPECT_THAT(stream->AddPoints({{7, 1, 2}}), IsOk());
-  EXPECT_THAT(Push(*stream, 0, 6), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 6), IsOk());
   ExpectEachFrameFinalOnce(observer, 6);
   EXPECT_THAT(observer.events, ElementsAre("accepted", "reconnecting", "resumed 0", "done"));
   const auto seen = server.seen();
@@ -200,8 +197,7 @@ TEST(ResumingStreamTest, OptionsThatWereLeftOpenStayThoseOfTheFirstServer) {
   Observer observer;
   auto stream = Open(At({server.address()}), observer);
   ASSERT_NE(stream, nullptr);
-  EXPECT_THAT(Push(*stream, 0, 6), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 6), IsOk());
   EXPECT_EQ(server.configs()[0].hop_frames(), 0u);
   EXPECT_EQ(server.configs()[1].hop_frames(), 2u);
   EXPECT_TRUE(server.configs()[1].has_polish());
@@ -214,8 +210,7 @@ TEST(ResumingStreamTest, ADrainMovesTheSessionToTheNextAddress) {
   Observer observer;
   auto stream = Open(At({first.address(), second.address()}), observer);
   ASSERT_NE(stream, nullptr);
-  EXPECT_THAT(Push(*stream, 0, 16), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 16), IsOk());
   ExpectEachFrameFinalOnce(observer, 16);
   EXPECT_THAT(observer.events, ElementsAre("accepted", "reconnecting", "resumed 5", "done"));
   EXPECT_THAT(observer.servers, ElementsAre(second.address()));
@@ -260,8 +255,7 @@ TEST(ResumingStreamTest, TheFirstServerMayBeAbsentOrFull) {
   Observer observer;
   auto stream = Open(options, observer);
   ASSERT_NE(stream, nullptr);
-  EXPECT_THAT(Push(*stream, 0, 3), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 3), IsOk());
   EXPECT_THAT(full.seen(), SizeIs(1));
   EXPECT_THAT(free.seen(), SizeIs(1));
 }
@@ -291,8 +285,7 @@ TEST(ResumingStreamTest, AnOverloadedServerIsAskedAgain) {
   Observer observer;
   auto stream = Open(At({server.address()}), observer);
   ASSERT_NE(stream, nullptr);
-  EXPECT_THAT(Push(*stream, 0, 20), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 20), IsOk());
   ExpectEachFrameFinalOnce(observer, 20);
   EXPECT_THAT(observer.events, ElementsAre("accepted", "reconnecting", "resumed 6", "done"));
   EXPECT_THAT(server.seen(), SizeIs(4));
@@ -348,8 +341,7 @@ TEST(ResumingStreamTest, ALossAfterTheHalfCloseIsMadeGood) {
   Observer observer;
   auto stream = Open(At({server.address()}), observer);
   ASSERT_NE(stream, nullptr);
-  EXPECT_THAT(Push(*stream, 0, 10), IsOk());
-  EXPECT_THAT(stream->Finish(), IsOk());
+  EXPECT_THAT(PushAndFinish(*stream, 10), IsOk());
   ExpectEachFrameFinalOnce(observer, 10);
   const auto seen = server.seen();
   ASSERT_THAT(seen, SizeIs(2));
