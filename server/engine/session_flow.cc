@@ -52,6 +52,7 @@ bool SessionFlow::EndSteps() {
 }
 
 bool SessionFlow::Step() {
+  CutPatches();
   Work work;
   {
     absl::MutexLock lock(&mutex_);
@@ -64,6 +65,24 @@ bool SessionFlow::Step() {
   absl::MutexLock lock(&mutex_);
   GrowLocked(work, steps);
   return true;
+}
+
+void SessionFlow::CutPatches() {
+  std::vector<std::shared_ptr<QueryPatch>> uncut;
+  {
+    absl::MutexLock lock(&mutex_);
+    uncut.swap(uncut_);
+  }
+  for (const std::shared_ptr<QueryPatch>& patch : uncut) (void)patch->Get();
+}
+
+const FlowPatch& SessionFlow::QueryPatch::Get() {
+  absl::MutexLock lock(&mutex_);
+  if (picture_ != nullptr) {
+    patch_ = CutPatch(*picture_, at_);
+    picture_.reset();
+  }
+  return patch_;
 }
 
 SessionFlow::Work SessionFlow::NextWorkLocked() const {
@@ -161,7 +180,8 @@ void SessionFlow::SeedLocked(const PointOp& op) {
   entry.chain = {op.frame, {at}, {1.0f}, op.frame + options_.window_frames - 1};
   // Memory may have been short for the picture; the session is about to end then.
   if (options_.patches && op.frame >= oldest_ && op.frame < without_gap_) {
-    entry.patch = std::make_shared<FlowPatch>(CutPatch(*pyramids_[op.frame - oldest_], at));
+    entry.patch = std::make_shared<QueryPatch>(pyramids_[op.frame - oldest_], at);
+    uncut_.push_back(entry.patch);
   }
   entries_.emplace(op.serial, std::move(entry));
   alive_[op.query.id] = op.serial;
@@ -176,7 +196,7 @@ void SessionFlow::Restore(Restored point) {
   absl::MutexLock lock(&mutex_);
   SeedLocked(point.seed);
   Entry& entry = entries_.at(point.seed.serial);
-  if (point.patch) entry.patch = std::make_shared<FlowPatch>(*std::move(point.patch));
+  if (point.patch) entry.patch = std::make_shared<QueryPatch>(*std::move(point.patch));
   if (!point.ending) return;
   entry.last_frame = point.last_frame;
   entry.stop = point.stop;
@@ -230,9 +250,14 @@ std::vector<Position> SessionFlow::Starts(uint64_t serial, int64_t last) const {
 }
 
 std::shared_ptr<const FlowPatch> SessionFlow::PatchOf(uint64_t serial) const {
-  absl::MutexLock lock(&mutex_);
-  const auto found = entries_.find(serial);
-  return found == entries_.end() ? nullptr : found->second.patch;
+  std::shared_ptr<QueryPatch> patch;
+  {
+    absl::MutexLock lock(&mutex_);
+    if (const auto found = entries_.find(serial); found != entries_.end()) patch = found->second.patch;
+  }
+  if (patch == nullptr) return nullptr;
+  const FlowPatch& cut = patch->Get();
+  return {std::move(patch), &cut};
 }
 
 std::vector<FlowPyramidPtr> SessionFlow::Pyramids(int64_t first, int64_t last) const {
@@ -257,6 +282,7 @@ void SessionFlow::Close() {
   closed_ = true;
   pyramids_.clear();
   entries_.clear();
+  uncut_.clear();
   alive_.clear();
 }
 

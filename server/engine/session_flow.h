@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -24,7 +25,8 @@ namespace holdfast {
 // The grey pyramids of a session's newest frames, and for each track the chain of positions that optical flow carries
 // from its newest estimate to the newest frame. A link of a chain depends on the link before it and two pictures alone,
 // so it does not matter when it is made or beside which other points. Decode threads add frames and make links, the
-// compute thread says where chains begin and reads them. Thread-safe; no lock is held while flow is computed.
+// compute thread says where chains begin and reads them. Thread-safe; no lock is held while flow is computed or
+// pictures are cut.
 class SessionFlow {
  public:
   struct Options {
@@ -61,7 +63,8 @@ class SessionFlow {
   void AddFrame(int64_t index, FlowPyramidPtr pyramid) ABSL_LOCKS_EXCLUDED(mutex_);
   // The right to call Step; one thread at a time has it. False: another one has it and will see what is new.
   bool BeginSteps() ABSL_LOCKS_EXCLUDED(mutex_);
-  // Carries the chains that are furthest behind by one frame. False: there is nothing to do.
+  // Cuts out the surroundings of new queries, and carries the chains that are furthest behind by one frame. False:
+  // there was no such chain.
   bool Step() ABSL_LOCKS_EXCLUDED(mutex_);
   // False, and the right is kept: there is something new since BeginSteps.
   bool EndSteps() ABSL_LOCKS_EXCLUDED(mutex_);
@@ -111,6 +114,20 @@ class SessionFlow {
     int64_t until = 0;              // no need to go on
     int64_t head() const { return first + static_cast<int64_t>(points.size()) - 1; }
   };
+  // A query's surroundings, cut out when they are first asked for: encoding them takes a while with many points, and
+  // those who say where points start hold others up.
+  class QueryPatch {
+   public:
+    QueryPatch(FlowPyramidPtr picture, FlowPoint at) : picture_(std::move(picture)), at_(at) {}
+    explicit QueryPatch(FlowPatch patch) : patch_(std::move(patch)) {}
+    const FlowPatch& Get() ABSL_LOCKS_EXCLUDED(mutex_);
+
+   private:
+    absl::Mutex mutex_;
+    FlowPyramidPtr picture_ ABSL_GUARDED_BY(mutex_);  // null: it is cut
+    FlowPoint at_;
+    FlowPatch patch_;  // changes no more once it is cut
+  };
   struct Entry {
     PointQuery query;
     int64_t query_frame = 0;
@@ -120,7 +137,7 @@ class SessionFlow {
     int64_t last_frame = std::numeric_limits<int64_t>::max();  // the point was removed or re-seeded there
     int64_t stop = std::numeric_limits<int64_t>::max();        // and is not reported from here on
     uint64_t generation = 0;                                   // counts the chains
-    std::shared_ptr<const FlowPatch> patch;
+    std::shared_ptr<QueryPatch> patch;
   };
   struct Head {  // a chain that can grow
     uint64_t serial = 0;
@@ -135,6 +152,7 @@ class SessionFlow {
     FlowPyramidPtr to;
   };
 
+  void CutPatches() ABSL_LOCKS_EXCLUDED(mutex_);
   void SeedLocked(const PointOp& op) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void EndLocked(PointId id, int64_t last_frame, int64_t stop) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Work NextWorkLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -154,6 +172,7 @@ class SessionFlow {
   int64_t without_gap_ ABSL_GUARDED_BY(mutex_) = 0;  // frames before this one have come
   absl::btree_map<uint64_t, Entry> entries_ ABSL_GUARDED_BY(mutex_);
   absl::flat_hash_map<PointId, uint64_t> alive_ ABSL_GUARDED_BY(mutex_);  // the entries that were not ended
+  std::vector<std::shared_ptr<QueryPatch>> uncut_ ABSL_GUARDED_BY(mutex_);
   bool stepping_ ABSL_GUARDED_BY(mutex_) = false;
   bool news_ ABSL_GUARDED_BY(mutex_) = false;
   bool closed_ ABSL_GUARDED_BY(mutex_) = false;
