@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/input/session_config.h"
 
+#include <algorithm>
 #include <optional>
 #include <string>
 
@@ -42,6 +43,10 @@ void CheckProcessingSize(ImageSize size, const EngineOptions& options, Violation
 int DefaultHop(const EngineOptions& options, int window) {
   return options.chaining == Chaining::kPublished ? window - 1 : options.hop_frames;
 }
+
+// What a resumed session has to be sent again changes when windows end: checkpoints in between would cost much, 4 kB a
+// point, and save nothing.
+int CheckpointInterval(int wanted, int hop_frames) { return wanted > 0 ? std::max(wanted, hop_frames) : wanted; }
 
 bool Switch(const std::optional<bool>& wanted, bool standard, const EngineOptions& options) {
   return wanted.value_or(standard && options.chaining != Chaining::kPublished);
@@ -101,7 +106,7 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   accepted.emit = config.emit;
   accepted.motion_prior = Switch(config.motion_prior, options.motion_prior, options);
   accepted.polish = Switch(config.polish, options.polish, options);
-  accepted.checkpoint_interval_frames = config.checkpoint_interval_frames;
+  accepted.checkpoint_interval_frames = CheckpointInterval(config.checkpoint_interval_frames, accepted.hop_frames);
   Violations violations;
   CheckRawSize(config, options, violations);
   CheckProcessingSize(accepted.processing_size, options, violations);

@@ -264,10 +264,10 @@ TEST_F(ResumeTest, EarlierFramesAreIgnored) {
 
 TEST_F(ResumeTest, ACheckpointLiesNoFurtherBehindThanWasSaid) {
   SessionConfig config = MakeConfig();
-  config.checkpoint_interval_frames = 6;
+  config.checkpoint_interval_frames = 10;
   RecordingListener listener;
   auto session = Open(config, listener);
-  EXPECT_EQ(session->accepted().checkpoint_interval_frames, 6);
+  EXPECT_EQ(session->accepted().checkpoint_interval_frames, 10);
   const int64_t replay = session->accepted().replay_frames;
   EXPECT_EQ(replay, 24 + 2 * 8 + options_.max_pending_frames);
   int64_t kept_from = 0;  // by a client that keeps no more than it has to
@@ -276,7 +276,7 @@ TEST_F(ResumeTest, ACheckpointLiesNoFurtherBehindThanWasSaid) {
     frame.index = i;
     frame.points.clear();
     ASSERT_THAT(listener.Push(*session, std::move(frame)), IsOk());
-    if (i + 1 - kept_from < replay + 6) continue;
+    if (i + 1 - kept_from < replay + 10) continue;
     listener.AwaitCheckpoints(1);
     const int64_t before = kept_from;
     for (size_t count = listener.checkpoints().size(); kept_from == before; ++count) {
@@ -388,7 +388,7 @@ TEST_F(ResumeTest, ASlowSealerHoldsNoOtherSessionUp) {
   options_.decode_threads = 3;
   RecordingListener slow, other;
   auto sealing = Open(MakeConfig(), slow);
-  Say(*sealing, slow, 0, 5);
+  Say(*sealing, slow, 0, 9);
   gate.AwaitWaiting();
   SessionConfig config = MakeConfig();
   config.checkpoint_interval_frames = 0;

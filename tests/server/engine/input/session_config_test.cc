@@ -72,6 +72,19 @@ TEST(SessionConfigTest, NamesAFieldThatIsWrongAlone) {
               ElementsAre("config.emit"));
 }
 
+TEST(SessionConfigTest, CheckpointsComeNoMoreOftenThanWindowsEnd) {
+  const auto interval = [](int wanted, int hop) {
+    SessionConfig config;
+    config.checkpoint_interval_frames = wanted;
+    config.hop_frames = hop;
+    return Negotiate(config, {}, {})->checkpoint_interval_frames;
+  };
+  EXPECT_EQ(interval(1, 4), 4);
+  EXPECT_EQ(interval(1, 0), 8) << "the default hop";
+  EXPECT_EQ(interval(5, 4), 5);
+  EXPECT_EQ(interval(0, 4), 0) << "only before a planned end";
+}
+
 TEST(SessionConfigTest, WantsTheSizeOfRawFramesAndChecksPointsAgainstIt) {
   SessionConfig config;
   config.encoding = FrameEncoding::kRgb24;
