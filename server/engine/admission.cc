@@ -28,11 +28,19 @@ absl::StatusOr<std::unique_ptr<Admission::Ticket>> Admission::Admit(const Demand
   return std::make_unique<Ticket>(*this, demand);
 }
 
+absl::Status Admission::CheckPlaces() {
+  absl::MutexLock lock(&mutex_);
+  return CheckPlacesLocked();
+}
+
+absl::Status Admission::CheckPlacesLocked() {
+  if (load_.sessions < limits_.max_sessions) return absl::OkStatus();
+  metrics_.AdmissionRejected(RejectReason::kSessions);
+  return OverloadError("sessions", absl::StrFormat("all %d are in use", limits_.max_sessions), kRetryAfter);
+}
+
 absl::Status Admission::Check(const Demand& demand) {
-  if (load_.sessions >= limits_.max_sessions) {
-    metrics_.AdmissionRejected(RejectReason::kSessions);
-    return OverloadError("sessions", absl::StrFormat("all %d are in use", limits_.max_sessions), kRetryAfter);
-  }
+  if (absl::Status status = CheckPlacesLocked(); !status.ok()) return status;
   if (demand.bytes > limits_.max_bytes - bytes_) {
     metrics_.AdmissionRejected(RejectReason::kMemory);
     const bool never = demand.bytes > limits_.max_bytes;

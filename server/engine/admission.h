@@ -55,9 +55,12 @@ class Admission {
 
   // An overload error says when to come back.
   absl::StatusOr<std::unique_ptr<Ticket>> Admit(const Demand& demand) ABSL_LOCKS_EXCLUDED(mutex_);
+  // The same of any demand: whether all sessions are there that there may be.
+  absl::Status CheckPlaces() ABSL_LOCKS_EXCLUDED(mutex_);
   Load load() const ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
+  absl::Status CheckPlacesLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status Check(const Demand& demand) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status CheckWork(const Demand& demand) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void SetPoints(Ticket& ticket, int64_t points) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -20,6 +20,9 @@ class Engine {
   static absl::StatusOr<std::unique_ptr<Engine>> Create(const EngineOptions& options, Clock& clock,
                                                         EngineMetrics& metrics);
   virtual ~Engine() = default;
+  // An overload error where every place for a session is taken, so that OpenSession would refuse any: it says so at no
+  // cost, before a stranger's configuration is read. Counts as a session refused.
+  virtual absl::Status CheckPlaces() = 0;
   // INVALID_ARGUMENT with field violations ("config.…"), or an overload error (RESOURCE_EXHAUSTED) at once.
   // 'listener' must outlive the session.
   virtual absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,

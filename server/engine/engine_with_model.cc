@@ -131,6 +131,8 @@ class EngineImpl final : public Engine {
 
   const SessionLimits& limits() const override { return options_.limits; }
 
+  absl::Status CheckPlaces() override { return admission_.CheckPlaces(); }
+
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                              SessionListener& listener) override {
     if (config.resume_token.empty()) return OpenSession(config, std::nullopt, listener);

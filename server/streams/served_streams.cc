@@ -70,6 +70,7 @@ absl::StatusOr<Engine*> ServedStreams::AdmitLocked() {
     events_.StreamRefused(RefusalReason::kStreams);
     return OverloadError("streams", absl::StrCat("all ", options_.max_streams, " are open"), kRetryAfter);
   }
+  if (absl::Status status = engine_->CheckPlaces(); !status.ok()) return status;
   return engine_;
 }
 

@@ -39,8 +39,9 @@ struct Caller {
 };
 
 // All open streams, of whatever carrier: admits them, owns them and ends them at a drain. New streams are refused with
-// UNAVAILABLE before Serve and after Drain, with RESOURCE_EXHAUSTED while too many are open, and as Gatekeeper has it.
-// A thread of its own destroys what ended and watches the timeouts. Thread-safe.
+// UNAVAILABLE before Serve and after Drain, with RESOURCE_EXHAUSTED while too many are open or the engine has no place
+// for a session, and as Gatekeeper has it. A thread of its own destroys what ended and watches the timeouts.
+// Thread-safe.
 class ServedStreams {
  public:
   struct Options {

@@ -76,15 +76,16 @@ class FakeEngine final : public Engine {
   TrackerInfo info() const override { return info_; }
   const SessionLimits& limits() const override { return info_.limits; }
 
+  absl::Status CheckPlaces() override {
+    absl::MutexLock lock(&mutex_);
+    return CheckPlacesLocked();
+  }
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
                                                              SessionListener& listener) override {
     absl::MutexLock lock(&mutex_);
     absl::StatusOr<SessionAccepted> accepted = Negotiate(config, {}, {});
     if (!accepted.ok()) return accepted.status();
-    if (admitted_ >= options_.max_sessions) {
-      metrics_.AdmissionRejected(RejectReason::kSessions);
-      return OverloadError("sessions", "all are open", absl::Milliseconds(2500));
-    }
+    if (absl::Status status = CheckPlacesLocked(); !status.ok()) return status;
     metrics_.SessionOpened();
     ++live_sessions_;
     ++admitted_;
@@ -243,6 +244,12 @@ class FakeEngine final : public Engine {
     SessionOutcome outcome_ = SessionOutcome::kCancelled;
     int pending_ = 0;  // guarded by the engine's mutex
   };
+
+  absl::Status CheckPlacesLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (admitted_ < options_.max_sessions) return absl::OkStatus();
+    metrics_.AdmissionRejected(RejectReason::kSessions);
+    return OverloadError("sessions", "all are open", absl::Milliseconds(2500));
+  }
 
   struct Task {
     Session* session;

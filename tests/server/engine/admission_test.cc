@@ -54,8 +54,11 @@ TEST_F(AdmissionTest, RefusesMoreSessionsThanThereAreAndAdmitsAgainWhenOneEnds) 
   EXPECT_EQ(Refusal(fourth.status()), "sessions");
   EXPECT_GT(OverloadDetails(fourth.status())->retry_after, absl::ZeroDuration());
   EXPECT_EQ(metrics_.totals().rejected[RejectReason::kSessions], 1);
+  EXPECT_EQ(admission_.CheckPlaces(), fourth.status());
+  EXPECT_EQ(metrics_.totals().rejected[RejectReason::kSessions], 2);
   EXPECT_EQ(admission_.load().sessions, 3);
   first->reset();
+  EXPECT_THAT(admission_.CheckPlaces(), IsOk());
   EXPECT_EQ(admission_.load().sessions, 2);
   EXPECT_THAT(admission_.Admit(Memory(1)), IsOk());
 }
