@@ -7,6 +7,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <thread>
@@ -49,10 +50,12 @@ TEST(LongSlicesTest, AThreadAndThoseItCreatesRunLongerAtATimeAndNobodyElse) {
   EXPECT_EQ(found.childs_slice, found.slice);
 }
 
-TEST(LongSlicesTest, PriorityAndPolicyStay) {
+TEST(LongSlicesTest, TheThreadIsNicerThanOthersOfTheSamePolicy) {
+  const int before = getpriority(PRIO_PROCESS, 0);
   const Found found = OfAThread();
   EXPECT_EQ(found.policy, sched_getscheduler(0));
-  EXPECT_EQ(found.nice, getpriority(PRIO_PROCESS, 0));
+  EXPECT_EQ(found.nice, std::min(before + 10, 19));
+  EXPECT_EQ(getpriority(PRIO_PROCESS, 0), before);
 }
 
 }  // namespace
