@@ -13,6 +13,7 @@ import threading
 import time
 
 import grpc
+from process_usage import memory_kb, processor_ms
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "e2e"))
 from server_process import ServerProcess  # noqa: E402
@@ -34,10 +35,7 @@ MESSAGE = field(3, field(1, b"\x08\x01\x15\x00\x00\xc0\x7f\x1d\x00\x00\xc0\x7f")
 
 
 def usage(pid):
-    """Milliseconds of processor time and kB of memory so far."""
-    times = pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    status = pathlib.Path(f"/proc/{pid}/status").read_text()
-    return (int(times[11]) + int(times[12])) * 10, int(status.split("VmRSS:")[1].split()[0])
+    return processor_ms(pid), memory_kb(pid)
 
 
 def refusal(channel):
