@@ -75,10 +75,9 @@ web: configure ## serve the page that tracks live in a browser, at http://localh
 	@echo "Open http://localhost:$(WEB_PORT) once the server is ready. Ctrl-C ends it."
 	@$(BUILD)/bin/holdfast-server --listen=127.0.0.1:0 --metrics_listen=127.0.0.1:0 --web_listen=127.0.0.1:$(WEB_PORT)
 
-bench: configure ## measure the network's kernels, windows of video, and the synthetic generator
-	cmake --build $(BUILD) -j $(JOBS) --target holdfast-model-benchmark holdfast-synth
-	$(BUILD)/bin/holdfast-model-benchmark
-	$(BUILD)/bin/holdfast-synth --benchmark --count=100
+bench: configure ## measure the machine, each stage and what is served (ARGS=--full, --compare=OLD.json): out/bench.json
+	cmake --build $(BUILD) -j $(JOBS) --target holdfast-model-benchmark holdfast-server holdfast
+	/usr/bin/python3 tests/benchmark/bench.py $(BUILD)/bin $(ARGS)
 
 train-small: configure ## train preset small for TIME=30m on synthetic scenes (PICTURES=dir); see out/train-small
 	cmake --build $(BUILD) -j $(JOBS) --target holdfast-train

@@ -35,13 +35,17 @@ class Load:
                         f"--processing_size={size}", f"--seconds={seconds}"]
         self.seconds = seconds
 
-    def run(self, sessions, points, fps):
-        """Frames of all sessions together, each sending at 'fps', a number or "max", and seconds until the last one."""
+    def report(self, sessions, points, fps):
+        """What `holdfast load` reports of sessions that send at 'fps' each, a number or "max"."""
         with tempfile.TemporaryDirectory(prefix="holdfast-load-") as out:
             report = pathlib.Path(out) / "load.json"
             subprocess.run([*self.command, f"--sessions={sessions}", f"--points={points}", f"--fps={fps}",
                             f"--out={report}"], check=True, stdout=subprocess.DEVNULL)
-            result = json.loads(report.read_text())
+            return json.loads(report.read_text())
+
+    def run(self, sessions, points, fps):
+        """Frames of all sessions together, and seconds until the last one."""
+        result = self.report(sessions, points, fps)
         return sum(total["frames"] for total in result["totals"]), result["seconds"]
 
     def rate(self, sessions, points):

@@ -286,7 +286,8 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
     @unittest.skipUnless((BUILD / "bin/holdfast-train").exists(), "training is not built")
     def test_flags_that_are_named_exist(self):
         others = "--help --install --component --prefix --network --build-arg --benchmark_filter --python"
-        known = flags_in("".join(self.helps.values()) + text_of("tests/benchmark/wait_policy.py") + others)
+        scripts = "".join(text_of(f"tests/benchmark/{name}.py") for name in ("bench", "wait_policy"))
+        known = flags_in("".join(self.helps.values()) + scripts + others)
         for document in DOCUMENTS:
             self.assertEqual(flags_in(text_of(document)) - known, set(), document)
 

@@ -13,16 +13,18 @@ VIDEO = SOURCE / "media" / "pedestrians.mp4"
 class ServerProcess:
     """Starts with the object; stop() asks it to end and returns its exit code.
 
-    'weights' None: what the server finds by itself; 'directory': where it is started.
+    'weights' None: what the server finds by itself; 'directory': where it is started; 'prefix': a command that starts
+    it as the same process.
     """
 
-    def __init__(self, program, *flags, weights=SOURCE / "weights" / "small.safetensors", directory=None):
+    def __init__(self, program, *flags, weights=SOURCE / "weights" / "small.safetensors", directory=None,
+                 prefix=()):
         self.directory = tempfile.TemporaryDirectory(prefix="holdfast-e2e-")
         ports = pathlib.Path(self.directory.name) / "ports"
         environment = {name: value for name, value in os.environ.items() if not name.startswith("HOLDFAST_")}
         self.log = open(pathlib.Path(self.directory.name) / "log", "w+")
         self.process = subprocess.Popen(
-            [program, "--listen=127.0.0.1:0", "--metrics_listen=127.0.0.1:0", f"--port_file={ports}",
+            [*prefix, program, "--listen=127.0.0.1:0", "--metrics_listen=127.0.0.1:0", f"--port_file={ports}",
              *([f"--weights={weights}"] if weights else []), *flags],
             stderr=self.log, env=environment, cwd=directory)
         while not ports.exists():
