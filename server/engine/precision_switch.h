@@ -26,7 +26,7 @@ class PrecisionSwitch {
 
   // Compute thread. Takes the time of two frames and two windows in both precisions when the size is new.
   PointModel& ForSize(ImageSize size) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Compute thread. Runs each group on the network that its features came from; estimates in the order of the groups.
+  // Any thread. Runs each group on the network that its features came from; estimates in the order of the groups.
   std::vector<WindowEstimate> Refine(std::vector<WindowRows> groups, const RefineOptions& options);
   // Any thread. The type of the features of frames of this size; the larger one for a size that was not tried yet, so
   // that what is admitted by it suffices either way.

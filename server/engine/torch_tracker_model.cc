@@ -11,12 +11,14 @@
 #include <string>
 #include <utility>
 
+#include "absl/functional/function_ref.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "model/ops/sampling.h"
 #include "model/precision.h"
 #include "model/precision_check.h"
 #include "model/presets.h"
+#include "model/shares.h"
 #include "model/thread_count.h"
 #include "server/engine/precision_switch.h"
 #include "server/engine/tracks/calibration.h"
@@ -24,6 +26,9 @@
 
 namespace holdfast {
 namespace {
+
+constexpr ShareSize kFrameShare = {1, 1};
+constexpr ShareSize kRowShare = {16, 64};
 
 static_assert(sizeof(Position) == 2 * sizeof(float), "positions are copied as pairs of floats");
 
@@ -43,7 +48,7 @@ const FeaturePyramid& PyramidOf(const FrameFeatures& features) {
 }
 
 // positions [N, S] -> [N, S, 2] float32.
-torch::Tensor StartsOf(const std::vector<WindowRow>& rows) {
+torch::Tensor StartsOf(absl::Span<const WindowRow> rows) {
   const int64_t frames = static_cast<int64_t>(rows.front().start.size());
   torch::Tensor starts = torch::empty({static_cast<int64_t>(rows.size()), frames, 2});
   float* out = starts.data_ptr<float>();
@@ -54,7 +59,7 @@ torch::Tensor StartsOf(const std::vector<WindowRow>& rows) {
   return starts;
 }
 
-torch::Tensor FeaturesOf(const std::vector<WindowRow>& rows) {  // [N, C] float32
+torch::Tensor FeaturesOf(absl::Span<const WindowRow> rows) {  // [N, C] float32
   const int64_t channels = static_cast<int64_t>(rows.front().feature.size());
   torch::Tensor features = torch::empty({static_cast<int64_t>(rows.size()), channels});
   float* out = features.data_ptr<float>();
@@ -63,7 +68,7 @@ torch::Tensor FeaturesOf(const std::vector<WindowRow>& rows) {  // [N, C] float3
 }
 
 // The rows' f2 or f4, [N, S, C] float32; f1 at every frame for rows that carry none.
-torch::Tensor CarriedOf(const std::vector<WindowRow>& rows, std::vector<float> CarriedTemplates::*which) {
+torch::Tensor CarriedOf(absl::Span<const WindowRow> rows, std::vector<float> CarriedTemplates::*which) {
   const int64_t frames = static_cast<int64_t>(rows.front().start.size());
   const int64_t channels = static_cast<int64_t>(rows.front().feature.size());
   torch::Tensor carried = torch::empty({static_cast<int64_t>(rows.size()), frames, channels});
@@ -79,17 +84,39 @@ torch::Tensor CarriedOf(const std::vector<WindowRow>& rows, std::vector<float> C
   return carried;
 }
 
-WindowRows ToWindowRows(const WindowGroup& group) {
+// 'some' of the group's rows.
+WindowRows ToWindowRows(const WindowGroup& group, absl::Span<const WindowRow> some) {
   WindowRows rows;
   for (const FrameFeaturesPtr& frame : group.frames) rows.frames.push_back(PyramidOf(*frame));
-  rows.start = StartsOf(group.rows);
-  rows.feature = FeaturesOf(group.rows);
+  rows.start = StartsOf(some);
+  rows.feature = FeaturesOf(some);
   const bool carried =
-      std::any_of(group.rows.begin(), group.rows.end(), [](const WindowRow& row) { return row.carried != nullptr; });
+      std::any_of(some.begin(), some.end(), [](const WindowRow& row) { return row.carried != nullptr; });
   if (carried) {
-    rows.carried_f2 = CarriedOf(group.rows, &CarriedTemplates::f2);
-    rows.carried_f4 = CarriedOf(group.rows, &CarriedTemplates::f4);
+    rows.carried_f2 = CarriedOf(some, &CarriedTemplates::f2);
+    rows.carried_f4 = CarriedOf(some, &CarriedTemplates::f4);
   }
+  return rows;
+}
+
+// Rows [begin, end) of those of all groups.
+std::vector<WindowRows> RowsBetween(absl::Span<const WindowGroup> groups, int64_t begin, int64_t end) {
+  std::vector<WindowRows> rows;
+  for (const WindowGroup& group : groups) {
+    const auto size = static_cast<int64_t>(group.rows.size());
+    const int64_t first = std::clamp<int64_t>(begin, 0, size), last = std::clamp<int64_t>(end, 0, size);
+    if (first < last) {
+      rows.push_back(ToWindowRows(group, absl::MakeConstSpan(group.rows).subspan(first, last - first)));
+    }
+    begin -= size;
+    end -= size;
+  }
+  return rows;
+}
+
+int64_t CountRows(absl::Span<const WindowGroup> groups) {
+  int64_t rows = 0;
+  for (const WindowGroup& group : groups) rows += static_cast<int64_t>(group.rows.size());
   return rows;
 }
 
@@ -105,20 +132,20 @@ torch::Tensor OnCpu(const torch::Tensor& x) {
   return x.defined() ? x.to(torch::kCPU, torch::kFloat32).contiguous() : x;
 }
 
-void AppendEstimates(const WindowEstimate& group, std::vector<RowEstimate>& estimates) {
+// Writes one a row, and returns where the next one goes.
+RowEstimate* WriteEstimates(const WindowEstimate& group, RowEstimate* out) {
   const torch::Tensor positions = OnCpu(group.positions), logit = OnCpu(group.visibility_logit),
                       similarity = OnCpu(group.similarity), last_step = OnCpu(group.last_step), f2 = OnCpu(group.f2),
                       f4 = OnCpu(group.f4);
-  for (int64_t row = 0; row < positions.size(0); ++row) {
-    RowEstimate estimate;
+  for (int64_t row = 0; row < positions.size(0); ++row, ++out) {
     const std::vector<float> xy = RowOf(positions, row);
-    for (size_t i = 0; i < xy.size(); i += 2) estimate.positions.push_back({xy[i], xy[i + 1]});
-    estimate.visibility_logit = RowOf(logit, row);
-    estimate.similarity = RowOf(similarity, row);
-    estimate.last_step = RowOf(last_step, row);
-    estimate.templates = {RowOf(f2, row), RowOf(f4, row)};
-    estimates.push_back(std::move(estimate));
+    for (size_t i = 0; i < xy.size(); i += 2) out->positions.push_back({xy[i], xy[i + 1]});
+    out->visibility_logit = RowOf(logit, row);
+    out->similarity = RowOf(similarity, row);
+    out->last_step = RowOf(last_step, row);
+    out->templates = {RowOf(f2, row), RowOf(f4, row)};
   }
+  return out;
 }
 
 // Memory that ends is an overload, anything else a bug.
@@ -178,11 +205,13 @@ class TorchTrackerModel final : public TrackerModel {
     return WithMemoryErrors([&] {
       const c10::InferenceMode guard;
       PointModel& model = networks_->ForSize(images.front()->size);
-      const torch::Tensor maps = model->Encode(FramesOf(images).to(device_));
-      std::vector<FrameFeaturesPtr> features;
-      for (FeaturePyramid& pyramid : BuildPyramids(maps, options_.correlation_levels)) {
-        features.push_back(std::make_shared<TorchFeatures>(std::move(pyramid)));
-      }
+      std::vector<FrameFeaturesPtr> features(images.size());
+      ForEachShareHere(static_cast<int64_t>(images.size()), kFrameShare, [&](int64_t begin, int64_t end) {
+        const torch::Tensor maps = model->Encode(FramesOf(images.subspan(begin, end - begin)).to(device_));
+        for (FeaturePyramid& pyramid : BuildPyramids(maps, options_.correlation_levels)) {
+          features[begin++] = std::make_shared<TorchFeatures>(std::move(pyramid));
+        }
+      });
       return features;
     });
   }
@@ -201,19 +230,28 @@ class TorchTrackerModel final : public TrackerModel {
 
   std::vector<RowEstimate> Refine(absl::Span<const WindowGroup> groups, const RefineOptions& options) override {
     return WithMemoryErrors([&] {
-      const c10::InferenceMode guard;
-      std::vector<WindowRows> rows;
-      for (const WindowGroup& group : groups) rows.push_back(ToWindowRows(group));
-      std::vector<RowEstimate> estimates;
-      for (const WindowEstimate& group :
-           networks_->Refine(std::move(rows), {options.iterations, options.keep_templates})) {
-        AppendEstimates(group, estimates);
-      }
+      std::vector<RowEstimate> estimates(CountRows(groups));
+      ForEachShareHere(static_cast<int64_t>(estimates.size()), kRowShare, [&](int64_t begin, int64_t end) {
+        RowEstimate* out = &estimates[begin];
+        for (const WindowEstimate& group :
+             networks_->Refine(RowsBetween(groups, begin, end), {options.iterations, options.keep_templates})) {
+          out = WriteEstimates(group, out);
+        }
+      });
       return estimates;
     });
   }
 
  private:
+  // The processor's threads take shares; other devices want all at once.
+  void ForEachShareHere(int64_t count, ShareSize size, absl::FunctionRef<void(int64_t, int64_t)> work) const {
+    const auto infer = [&](int64_t begin, int64_t end) {
+      const c10::InferenceMode guard;
+      work(begin, end);
+    };
+    device_.is_cpu() ? ForEachShare(count, size, infer) : infer(0, count);
+  }
+
   const ModelOptions options_;
   const std::unique_ptr<PrecisionSwitch> networks_;
   const torch::Device device_;

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Frames a second of holdfast-server for several ways its OpenMP threads may wait, quiet and beside a busy process.
+"""Frames a second of holdfast-server for several ways its OpenMP threads may wait, quiet and beside busy processes.
 
 Usage: wait_policy.py BIN [--rounds=3] [--grids=60,256] [--spins=0,300,1000,3000,10000,30000,default] [--frames=120]
-                      [--precision=float32]
+                      [--busy=0,1] [--precision=float32]
 
 BIN holds holdfast-server and holdfast. Every round measures each spin count once, in turn, so that what else the
-machine does meets all of them alike; medians and the best of the rounds are printed, and what they are of "default"
-when quiet. "program" is what the program chooses by itself. Run it on a machine that is otherwise quiet.
+machine does meets all of them alike; medians and the best of the rounds are printed. "program" is what the program
+chooses by itself. Run it on a machine that is otherwise quiet.
 """
 import argparse
 import os
@@ -50,9 +50,9 @@ class Server:
         self.directory.cleanup()
 
 
-def measure(programs, server, grid, frames, crowded):
-    """Frames a second of one clip, as the client says at its end."""
-    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"]) if crowded else None
+def measure(programs, server, grid, frames, neighbours):
+    """Frames a second of one clip beside so many busy processes, as the client says at its end."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(neighbours)]
     try:
         with tempfile.TemporaryDirectory(prefix="holdfast-bench-") as out:
             done = subprocess.run(
@@ -60,9 +60,9 @@ def measure(programs, server, grid, frames, crowded):
                  f"--max_frames={frames}", f"--out={out}/tracks.json"],
                 stderr=subprocess.PIPE, text=True, check=True, env=environment("program"))
     finally:
-        if busy is not None:
-            busy.kill()
-            busy.wait()
+        for process in busy:
+            process.kill()
+            process.wait()
     return float(re.findall(r"([\d.]+) frames/s", done.stderr)[-1])
 
 
@@ -73,9 +73,10 @@ def main():
     parser.add_argument("--grids", default="60,256")
     parser.add_argument("--spins", default="0,300,1000,3000,10000,30000,default")
     parser.add_argument("--frames", type=int, default=120)
+    parser.add_argument("--busy", default="0,1")
     parser.add_argument("--precision", default="float32")
     options = parser.parse_args()
-    cases = [(int(grid), crowded) for grid in options.grids.split(",") for crowded in (False, True)]
+    cases = [(int(grid), int(busy)) for grid in options.grids.split(",") for busy in options.busy.split(",")]
     spins = options.spins.split(",")
     rates = {(spin, case): [] for spin in spins for case in cases}
     for _ in range(options.rounds):
@@ -84,8 +85,7 @@ def main():
             for case in cases:
                 rates[spin, case].append(measure(options.programs.resolve(), server, case[0], options.frames, case[1]))
             server.stop()
-    print("spin count  " + "  ".join(f"{grid:4} points {'crowded' if crowded else 'quiet':7} median best"
-                                     for grid, crowded in cases))
+    print("spin count  " + "  ".join(f"{grid:4} points {busy} busy  median best" for grid, busy in cases))
     for spin in spins:
         row = [f"{statistics.median(rates[spin, case]):23.1f} {max(rates[spin, case]):7.1f}" for case in cases]
         print(f"{spin:>10}  " + "  ".join(row), flush=True)

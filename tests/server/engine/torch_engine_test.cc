@@ -71,6 +71,33 @@ TEST(TorchEngineTest, APointIsTheSameToTheBitAloneInACrowdAndAddedLate) {
   EXPECT_THAT(other.Final(59), SizeIs(50));
 }
 
+TEST(TorchEngineTest, TracksAreTheSameToTheBitWhateverTheThreadsAndTheBatches) {
+  const torch::Tensor frames = RandomFrames(30);
+  SessionConfig config = RawConfig(frames);
+  for (PointId id = 0; id < 40; ++id) {
+    config.points.push_back({id, 2.25f * static_cast<float>(id), 1.5f * static_cast<float>(id)});
+  }
+  const auto track = [&](int threads, int batch_frames, int batch_rows, RecordingObserver& observer) {
+    EngineOptions options = Exact({96, 64});
+    options.compute_threads = threads;
+    options.max_batch_frames = batch_frames;
+    options.max_batch_rows = batch_rows;
+    Track(*EngineOf(RandomModel(), options), config, frames, observer);
+  };
+  RecordingObserver want;
+  track(1, 1, 7, want);
+  for (const int threads : {1, 2, 3}) {
+    for (const auto& [batch_frames, batch_rows] : {std::pair(1, 20), std::pair(5, 256)}) {
+      RecordingObserver got;
+      track(threads, batch_frames, batch_rows, got);
+      for (const PointQuery& point : config.points) {
+        EXPECT_THAT(got.Final(point.id), SizeIs(30));
+        EXPECT_TRUE(got.Final(point.id) == want.Final(point.id)) << point.id << " on " << threads << " threads";
+      }
+    }
+  }
+}
+
 TEST(TorchEngineTest, ProvisionalResultsChangeNoFinalOne) {
   auto engine = EngineOf(RandomModel(), Exact({96, 64}));
   const torch::Tensor frames = RandomFrames(45);
