@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/batch_gradients.h"
 
+#include <ATen/Parallel.h>
+
+#include <algorithm>
 #include <utility>
 #include <vector>
 
-#include "training/loss/clip_step.h"
+#include "model/shares.h"
 
 namespace holdfast {
 namespace {
 
-void AddTimes(const StepTimes& times, StepTimes& sum) {
-  sum.encode += times.encode;
-  sum.refine += times.refine;
-  sum.backward += times.backward;
+// Times of clips that ran beside each other add up to more than the step took: each counts for its share of that.
+void AddTimes(const StepTimes& times, double share, StepTimes& sum) {
+  sum.encode += times.encode * share;
+  sum.refine += times.refine * share;
+  sum.backward += times.backward * share;
 }
 
 void AddLoss(const LossValues& loss, LossValues& sum) {
@@ -22,7 +26,14 @@ void AddLoss(const LossValues& loss, LossValues& sum) {
 }  // namespace
 
 BatchGradients::BatchGradients(const Recipe& recipe, uint64_t seed, torch::Device device, const Parts& parts)
-    : recipe_(recipe), seed_(seed), device_(device), parts_(parts), working_(parts.model, parts.dtype) {}
+    : recipe_(recipe), seed_(seed), device_(device), parts_(parts) {
+  const int64_t beside = device.is_cpu() ? std::min<int64_t>(recipe.batch_size, at::get_num_threads()) : 1;
+  for (int64_t i = 0; i < beside; ++i) networks_.emplace_back(parts.model, parts.dtype, /*copy=*/i > 0);
+}
+
+void BatchGradients::Refresh() {
+  for (WorkingNetwork& network : networks_) network.Refresh();
+}
 
 absl::Status BatchGradients::OpenLoader(int64_t batch, double progress) {
   const Phase* phase = &recipe_.PhaseAt(progress);
@@ -46,17 +57,38 @@ absl::Status BatchGradients::Add(int64_t batch, double progress, StepTimes& time
   const ClipStepOptions options = {recipe_.LossAt(progress),
                                    {recipe_.noisy_start, recipe_.streaming_windows, recipe_.chain_start},
                                    phase_->iterations};
-  for (size_t i = 0; i < samples->size(); ++i) {
-    const absl::StatusOr<ClipTensors> clip = ToTensors((*samples)[i], parts_.model->options().stride);
+  std::vector<ClipTensors> clips;
+  for (const Sample& sample : *samples) {
+    absl::StatusOr<ClipTensors> clip = ToTensors(sample, parts_.model->options().stride);
     if (!clip.ok()) return clip.status();
-    // Another stream of chance than the data's, which is seeded by the same number.
-    Rng rng(MixSeed(seed_, ~uint64_t{0}), static_cast<uint64_t>(first_draw) + i);
-    const ClipStepResult result = AddClipGradient(working_.network(), clip->To(device_), options, rng, *parts_.clock);
-    working_.CollectGradients();
-    AddTimes(result.times, times);
-    AddLoss(result.loss, sum);
+    clips.push_back(*std::move(clip));
+  }
+  for (size_t i = 0; i < clips.size(); i += networks_.size()) {
+    AddClips(absl::MakeConstSpan(clips).subspan(i, networks_.size()), first_draw + static_cast<int64_t>(i), options,
+             times, sum);
   }
   return absl::OkStatus();
+}
+
+void BatchGradients::AddClips(absl::Span<const ClipTensors> clips, int64_t first_draw, const ClipStepOptions& options,
+                              StepTimes& times, LossValues& sum) {
+  const SteadyTime begin = parts_.clock->SteadyNow();
+  std::vector<ClipStepResult> results(clips.size());
+  ForEachShare(static_cast<int64_t>(clips.size()), {1, 1}, [&](int64_t i, int64_t end) {
+    for (; i < end; ++i) {
+      // Another stream of chance than the data's, which is seeded by the same number.
+      Rng rng(MixSeed(seed_, ~uint64_t{0}), static_cast<uint64_t>(first_draw + i));
+      results[i] = AddClipGradient(networks_[i].network(), clips[i].To(device_), options, rng, *parts_.clock);
+    }
+  });
+  const absl::Duration took = parts_.clock->Since(begin);
+  absl::Duration together;
+  for (const ClipStepResult& result : results) together += result.times.total();
+  for (size_t i = 0; i < clips.size(); ++i) {
+    networks_[i].CollectGradients();
+    AddTimes(results[i].times, together > took ? absl::FDivDuration(took, together) : 1, times);
+    AddLoss(results[i].loss, sum);
+  }
 }
 
 int64_t BatchGradients::skipped_samples() const {

@@ -3,12 +3,15 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "absl/status/status.h"
+#include "absl/types/span.h"
 #include "api/clock.h"
 #include "model/point_model.h"
 #include "training/clip_source.h"
 #include "training/distributed.h"
+#include "training/loss/clip_step.h"
 #include "training/recipe.h"
 #include "training/report/training_report.h"
 #include "training/working_network.h"
@@ -16,7 +19,9 @@
 namespace holdfast {
 
 // Draws this process's batches, of clips as the training's phase wants them, and adds their gradients to the network's.
-// What it borrows must outlive it. Not thread-safe.
+// On the processor the clips of a batch run beside each other, each on a thread and a copy of the network of its own;
+// their gradients are added in the clips' order, so the sum does not depend on which one was done first. What it
+// borrows must outlive it. Not thread-safe.
 class BatchGradients {
  public:
   struct Parts {
@@ -33,18 +38,21 @@ class BatchGradients {
   // took and lost. Batches must be asked for in order.
   absl::Status Add(int64_t batch, double progress, StepTimes& times, LossValues& sum);
   // Takes over the network's weights, which have changed.
-  void Refresh() { working_.Refresh(); }
+  void Refresh();
   // Damaged samples so far.
   int64_t skipped_samples() const;
 
  private:
   absl::Status OpenLoader(int64_t batch, double progress);
+  // As many clips as there are networks, beside each other; 'first_draw' is the number of the first one's chance.
+  void AddClips(absl::Span<const ClipTensors> clips, int64_t first_draw, const ClipStepOptions& options,
+                StepTimes& times, LossValues& sum);
 
   const Recipe& recipe_;
   const uint64_t seed_;
   const torch::Device device_;
   const Parts parts_;
-  WorkingNetwork working_;
+  std::vector<WorkingNetwork> networks_;  // of clips that run beside each other
   std::unique_ptr<Loader> loader_;
   const Phase* phase_ = nullptr;  // of the loader
   int64_t skipped_before_ = 0;    // by loaders closed before

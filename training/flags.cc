@@ -81,9 +81,10 @@ ABSL_FLAG(absl::Duration, time_budget, Defaults().trainer.time_budget,
           "phases follow it.");
 ABSL_FLAG(std::string, device, Defaults().trainer.device.str(),
           "Trains on this device, as LibTorch names it: cpu, cuda, cuda:1.");
-ABSL_FLAG(int, threads, Defaults().threads,
-          "Computes each tensor operation with this many threads; 0: as many as there are cores. Lower it when several "
-          "processes share a machine.");
+ABSL_FLAG(
+    int, threads, Defaults().threads,
+    "Computes with this many threads, each a clip of the batch (--batch_size) as long as there are clips enough; 0: as "
+    "many as there are cores. Lower it when several processes share a machine.");
 ABSL_FLAG(
     int64_t, checkpoint_every, Defaults().trainer.checkpoint_every,
     "Writes a checkpoint whenever this many more steps are done, which is what a killed process loses at most. 0: at "

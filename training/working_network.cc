@@ -5,8 +5,8 @@
 
 namespace holdfast {
 
-WorkingNetwork::WorkingNetwork(PointModel master, torch::ScalarType dtype)
-    : master_(master), working_(master), is_copy_(dtype != torch::kFloat32) {
+WorkingNetwork::WorkingNetwork(PointModel master, torch::ScalarType dtype, bool copy)
+    : master_(master), working_(master), is_copy_(copy || dtype != torch::kFloat32) {
   if (!is_copy_) return;
   working_ = PointModel(master->options());
   working_->to(master->parameters().front().device(), dtype);

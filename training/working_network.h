@@ -7,10 +7,11 @@ namespace holdfast {
 
 // The network that runs while another one is optimized: itself in float32, or a copy in bfloat16 whose gradients are
 // handed to the float32 master. Rounding the weights anew from the master at every step is what lets small updates add
-// up. Not thread-safe.
+// up. Several that are copies may run beside each other, each on one thread at a time.
 class WorkingNetwork {
  public:
-  WorkingNetwork(PointModel master, torch::ScalarType dtype);
+  // 'copy': of its own in float32 too.
+  WorkingNetwork(PointModel master, torch::ScalarType dtype, bool copy = false);
 
   PointModelImpl& network() { return *working_; }
   // Takes over the master's weights as they are now.

@@ -145,6 +145,22 @@ TEST_F(TrainerTest, LearnsASingleClip) {
   EXPECT_LT(recorder.steps.back().loss.total, 0.5 * recorder.steps.front().loss.total);
 }
 
+TEST_F(TrainerTest, ClipsBesideEachOtherGiveTheWeightsOfClipsOneAfterTheOther) {
+  options_.recipe.steps = 3;
+  options_.recipe.batch_size = 2;
+  const int threads = torch::get_num_threads();
+  const TempDir one, two;
+  Recorder after, beside;
+  torch::set_num_threads(1);
+  ASSERT_THAT(Train(one, after), IsOk());
+  const std::vector<torch::Tensor> want = network_->parameters();
+  torch::set_num_threads(2);
+  ASSERT_THAT(Train(two, beside), IsOk());
+  torch::set_num_threads(threads);
+  EXPECT_EQ(beside.losses(), after.losses());
+  for (size_t i = 0; i < want.size(); ++i) EXPECT_TRUE(torch::equal(network_->parameters()[i], want[i])) << i;
+}
+
 TEST_F(TrainerTest, AResumedRunHasTheLossesOfAnUninterruptedOne) {
   const TempDir whole, parts;
   Recorder uninterrupted, first, second;
