@@ -4,11 +4,12 @@
 
 namespace holdfast {
 
-// Rounds that an OpenMP thread spins at a barrier before it sleeps.
+// Rounds that an OpenMP thread spins at a barrier before it sleeps: 28 us on an AMD EPYC.
 //
-// The network has a barrier after every operator. By default libgomp spins 300,000 rounds at each, about a millisecond:
-// beside one other busy process a thread that waits burns the processor that the thread it waits for needs. Sleeping at
-// once costs two system calls a barrier, also on a quiet machine. tests/benchmark/wait_policy.py measures both ends.
+// Threads that share a batch (model/shares.h) meet at its end only, but where there is too little to share there is a
+// barrier after every operator. By default libgomp spins 300,000 rounds, some milliseconds: beside one other busy
+// process a thread that waits burns the processor that the thread it waits for needs. Sleeping at once costs two system
+// calls a barrier, also on a quiet machine. tests/benchmark/wait_policy.py measures both ends.
 inline constexpr char kSpinCount[] = "1000";
 
 // Makes the OpenMP threads of this process spin for kSpinCount rounds. A choice of the user's wins: nothing happens

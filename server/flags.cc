@@ -54,7 +54,8 @@ ABSL_FLAG(std::string, precision, "auto",
           "finds it right. On a processor without AVX-512 bfloat16 takes many times as long.");
 ABSL_FLAG(
     int, compute_threads, Defaults().engine.compute_threads,
-    "Gives one tensor operation this many threads; fewer leave cores to decoding and to neighbours. 0: all cores.");
+    "Shares what the network does out among this many threads; fewer leave cores to decoding and to neighbours. 0: all "
+    "cores.");
 ABSL_FLAG(int, decode_threads, Defaults().engine.decode_threads,
           "Decodes frames and computes optical flow on this many threads; of several, one is kept for sessions that "
           "use little.");

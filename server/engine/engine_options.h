@@ -25,8 +25,8 @@ struct EngineOptions {
   // bfloat16 takes less time and half the memory on processors that compute it, and moves tracks by fractions of a
   // pixel. Force float32 to compare results between machines.
   Precision precision = Precision::kAuto;
-  // Threads of one tensor operation; 0: all cores. Fewer leave cores to decoding and to neighbours, and make a window
-  // take longer.
+  // Threads that share a batch of frames or rows, and a single operation where there is too little to share; 0: all
+  // cores. Fewer leave cores to decoding and to neighbours, and make a window take longer.
   int compute_threads = 0;
   // Threads that decode frames and compute optical flow; of several, the last free one is kept for sessions that use
   // little. More help where many cameras send large frames.
