@@ -7,7 +7,10 @@
 namespace holdfast {
 namespace {
 
-constexpr int64_t kQueries = 4;  // queries in flight: each key loaded serves four of them
+// Queries in flight: each key loaded serves five of them. Ten groups hold the 49 queries of a patch with one place to
+// spare, and their sums for two registers of keys leave room among sixteen registers for what is multiplied.
+constexpr int64_t kQueries = 5;
+constexpr float kLog2OfE = 1.44269504f;
 
 // Tokens [y0, y1) x [x0, x1) of one map.
 struct Region {
@@ -22,12 +25,10 @@ HOLDFAST_INLINE Region RegionOf(const AttentionMaps<T>& m, int64_t row, int64_t 
           std::max<int64_t>(0, (column - margin) * m.patch), std::min(m.width, (column + margin + 1) * m.patch)};
 }
 
-HOLDFAST_INLINE int64_t RoundUp(int64_t count) { return (count + kLanes - 1) / kLanes * kLanes; }
-
 // One head of one frame: where its first channel of the first token is, and how tokens follow one another.
 struct Head {
   int64_t offset;
-  int64_t channels;
+  int64_t channels;  // D
 };
 
 template <typename T>
@@ -35,44 +36,83 @@ HOLDFAST_INLINE Head HeadOf(const AttentionMaps<T>& m, int64_t frame, int64_t he
   return {frame * m.height * m.width * m.channels + head * m.head_channels(), m.head_channels()};
 }
 
-// Scratch of one thread, for at most 'keys' keys.
+// Scratch of one thread. A strip has the tokens of three rows of patches over the whole width, column after column of
+// the map, so that the keys of a patch are neighbours: they begin at Keys::first.
 struct Scratch {
-  float* keys;         // [D, columns]: the region's tokens, transposed, zeros behind the last
-  float* scores;       // [kQueries, columns]
-  float* grad_keys;    // [D, columns]
-  float* grad_scores;  // [kQueries, columns]
-  float* queries;      // [kQueries, D] scaled queries of the group
-  float* outs;         // [kQueries, D]
-  float* grads;        // [kQueries, D]
+  float* strip;        // [D, columns], zeros behind the last token
+  float* tokens;       // [columns, depth]: the same, a token's channels together, zeros behind the last channel
+  float* grad_strip;   // as 'strip'
+  float* scores;       // [kQueries, keys]
+  float* grad_scores;  // [kQueries, keys]
+  float* queries;      // [kQueries, depth] scaled queries of the group
+  float* outs;         // [kQueries, depth]
+  float* grads;        // [kQueries, depth]
   int64_t columns;
+  int64_t keys;
+  int64_t depth;  // D rounded up to whole registers
+};
+
+struct Sizes {
+  int64_t columns, keys, depth;
 };
 
 template <typename T>
-HOLDFAST_INLINE Scratch Divide(const AttentionMaps<T>& m, float* memory) {
-  const int64_t columns = RoundUp(9 * m.patch * m.patch);
-  const int64_t depth = m.head_channels();
-  Scratch s;
-  s.columns = columns;
-  s.keys = memory;
-  s.scores = s.keys + depth * columns;
-  s.grad_keys = s.scores + kQueries * columns;
-  s.grad_scores = s.grad_keys + depth * columns;
-  s.queries = s.grad_scores + kQueries * columns;
-  s.outs = s.queries + kQueries * depth;
-  s.grads = s.outs + kQueries * depth;
-  return s;
+HOLDFAST_INLINE Sizes SizesOf(const AttentionMaps<T>& m) {
+  // Registers are read in pairs, which may go beyond the last key.
+  return {RoundUp(3 * m.patch * m.width, kMaxLanes) + 2 * kMaxLanes,
+          RoundUp(9 * m.patch * m.patch, kMaxLanes) + 2 * kMaxLanes, RoundUp(m.head_channels(), kMaxLanes)};
 }
 
 template <typename T>
-HOLDFAST_INLINE void GatherKeys(const AttentionMaps<T>& m, const Head& head, const Region& region, const Scratch& s) {
-  int64_t j = 0;
-  for (int64_t y = region.y0; y < region.y1; ++y) {
-    for (int64_t x = region.x0; x < region.x1; ++x, ++j) {
-      const T* token = m.value + head.offset + (y * m.width + x) * m.channels;
-      for (int64_t d = 0; d < head.channels; ++d) s.keys[d * s.columns + j] = ToFloat(token[d]);
+HOLDFAST_INLINE Scratch Divide(const AttentionMaps<T>& m, float* memory) {
+  const Sizes sizes = SizesOf(m);
+  Scratch s;
+  s.columns = sizes.columns;
+  s.keys = sizes.keys;
+  s.depth = sizes.depth;
+  s.strip = memory;
+  s.tokens = s.strip + s.columns * m.head_channels();
+  s.scores = s.tokens + s.columns * s.depth;
+  s.grad_scores = s.scores + kQueries * s.keys;
+  s.queries = s.grad_scores + kQueries * s.keys;
+  s.outs = s.queries + kQueries * s.depth;
+  s.grads = s.outs + kQueries * s.depth;
+  s.grad_strip = s.grads + kQueries * s.depth;
+  return s;
+}
+
+// A token of the map into column j of the strip.
+template <int64_t kWidth, typename T>
+HOLDFAST_INLINE void GatherToken(const T* token, int64_t channels, int64_t j, const Scratch& s) {
+  float* copy = s.tokens + j * s.depth;
+  float* column = s.strip + j;
+  int64_t d = 0;
+  for (; d + kWidth <= channels; d += kWidth) {
+    const Lanes<kWidth> values = Load<kWidth>(token + d);
+    Store(values, copy + d);
+    for (int64_t i = 0; i < kWidth; ++i) column[(d + i) * s.columns] = values[i];
+  }
+  for (; d < channels; ++d) column[d * s.columns] = copy[d] = ToFloat(token[d]);
+  for (; d < s.depth; ++d) copy[d] = 0;
+}
+
+// A few columns of the map at a time: as many tokens of a row are read together, and what is written stays in the
+// cache.
+template <int64_t kWidth, typename T>
+HOLDFAST_INLINE void GatherStrip(const AttentionMaps<T>& m, const Head& head, const Region& strip, const Scratch& s) {
+  constexpr int64_t kColumns = 8;
+  const int64_t rows = strip.y1 - strip.y0;
+  for (int64_t left = 0; left < m.width; left += kColumns) {
+    for (int64_t y = strip.y0; y < strip.y1; ++y) {
+      for (int64_t x = left; x < std::min(left + kColumns, m.width); ++x) {
+        const T* token = m.value + head.offset + (y * m.width + x) * m.channels;
+        GatherToken<kWidth>(token, head.channels, x * rows + y - strip.y0, s);
+      }
     }
   }
-  for (int64_t d = 0; d < head.channels; ++d) std::fill(s.keys + d * s.columns + j, s.keys + (d + 1) * s.columns, 0.0f);
+  for (int64_t d = 0; d < head.channels; ++d) {
+    std::fill(s.strip + d * s.columns + m.width * rows, s.strip + (d + 1) * s.columns, 0.0f);
+  }
 }
 
 // Token 'i' of a region: its offset in a map.
@@ -82,171 +122,256 @@ HOLDFAST_INLINE int64_t TokenAt(const AttentionMaps<T>& m, const Head& head, con
   return head.offset + ((region.y0 + i / width) * m.width + region.x0 + i % width) * m.channels;
 }
 
+// to[i] = scale * from[i] for 'count' values; 'to' is rounded.
+template <int64_t kWidth, typename From, typename To>
+HOLDFAST_INLINE void Scale(const From* from, int64_t count, float scale, To* to) {
+  int64_t i = 0;
+  for (; i + kWidth <= count; i += kWidth) StoreRounded(scale * Load<kWidth>(from + i), to + i);
+  for (; i < count; ++i) Assign(scale * ToFloat(from[i]), to + i);
+}
+
 // Tokens first .. first + kQueries - 1 of a map, times 'scale'; zeros behind the region's last.
-template <typename T>
+template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void GatherTokens(const AttentionMaps<T>& m, const Head& head, const Region& region, int64_t first,
                                   const T* map, float scale, float* out) {
-  std::fill_n(out, kQueries * head.channels, 0.0f);
+  const int64_t depth = RoundUp(head.channels, kMaxLanes);
+  std::fill_n(out, kQueries * depth, 0.0f);
   for (int64_t q = 0; q < std::min(kQueries, region.count() - first); ++q) {
     const T* token = map + TokenAt(m, head, region, first + q);
-    for (int64_t d = 0; d < head.channels; ++d) out[q * head.channels + d] = scale * ToFloat(token[d]);
+    Scale<kWidth>(token, head.channels, scale, out + q * depth);
   }
 }
 
-// products[q, j] = sum_d left[q, d] * keys[d, j], for j below 'used', a multiple of kLanes.
-HOLDFAST_INLINE void TimesKeys(const float* left, const float* keys, int64_t depth, int64_t columns, int64_t used,
+// The keys of a patch: 'count' columns of the strip from 'first' on.
+struct Keys {
+  int64_t first;
+  int64_t count;
+};
+
+HOLDFAST_INLINE Keys KeysOf(const Region& region) { return {region.x0 * (region.y1 - region.y0), region.count()}; }
+
+// products[q, j] = sum_d left[q, d] * strip[d, keys.first + j] for all keys, and what the last registers hold besides.
+template <int64_t kWidth>
+HOLDFAST_INLINE void TimesKeys(const float* left, const Keys& keys, int64_t channels, const Scratch& s,
                                float* products) {
-  for (int64_t j = 0; j < used; j += kLanes) {
-    Lanes sums[kQueries] = {};
-    for (int64_t d = 0; d < depth; ++d) {
-      const Lanes key = Load(keys + d * columns + j);
-      for (int64_t q = 0; q < kQueries; ++q) sums[q] += left[q * depth + d] * key;
+  using V = Lanes<kWidth>;
+  for (int64_t j = 0; j < keys.count; j += 2 * kWidth) {
+    V low[kQueries] = {};
+    V high[kQueries] = {};
+    const float* key = s.strip + keys.first + j;
+    for (int64_t d = 0; d < channels; ++d) {
+      const V first = Load<kWidth>(key + d * s.columns);
+      const V second = Load<kWidth>(key + d * s.columns + kWidth);
+      for (int64_t q = 0; q < kQueries; ++q) {
+        low[q] += left[q * s.depth + d] * first;
+        high[q] += left[q * s.depth + d] * second;
+      }
     }
-    for (int64_t q = 0; q < kQueries; ++q) Store(sums[q], products + q * columns + j);
+    for (int64_t q = 0; q < kQueries; ++q) {
+      Store(low[q], products + q * s.keys + j);
+      Store(high[q], products + q * s.keys + j + kWidth);
+    }
   }
 }
 
-// out[q, d] = sum_j weights[q, j] * keys[d, j]
-HOLDFAST_INLINE void TimesKeysTransposed(const float* weights, const float* keys, int64_t depth, int64_t columns,
-                                         int64_t used, float* out) {
-  for (int64_t d = 0; d < depth; ++d) {
-    Lanes sums[kQueries] = {};
-    for (int64_t j = 0; j < used; j += kLanes) {
-      const Lanes key = Load(keys + d * columns + j);
-      for (int64_t q = 0; q < kQueries; ++q) sums[q] += Load(weights + q * columns + j) * key;
+// out[q, d] = sum_j weights[q, j] * tokens[keys.first + j, d] for a register's channels from 'd' on. Two sums for each,
+// of every other key: one alone would wait for itself.
+template <int64_t kWidth>
+HOLDFAST_INLINE void TimesTokens(const float* weights, const Keys& keys, int64_t d, const Scratch& s, float* out) {
+  using V = Lanes<kWidth>;
+  V even[kQueries] = {};
+  V odd[kQueries] = {};
+  const float* token = s.tokens + keys.first * s.depth + d;
+  int64_t j = 0;
+  for (; j + 2 <= keys.count; j += 2) {
+    const V first = Load<kWidth>(token + j * s.depth);
+    const V second = Load<kWidth>(token + (j + 1) * s.depth);
+    for (int64_t q = 0; q < kQueries; ++q) {
+      even[q] += weights[q * s.keys + j] * first;
+      odd[q] += weights[q * s.keys + j + 1] * second;
     }
-    for (int64_t q = 0; q < kQueries; ++q) out[q * depth + d] = Sum(sums[q]);
+  }
+  if (j < keys.count) {
+    const V last = Load<kWidth>(token + j * s.depth);
+    for (int64_t q = 0; q < kQueries; ++q) even[q] += weights[q * s.keys + j] * last;
+  }
+  for (int64_t q = 0; q < kQueries; ++q) Store(even[q] + odd[q], out + q * s.depth + d);
+}
+
+// The same for two registers' channels: each weight loaded serves both.
+template <int64_t kWidth>
+HOLDFAST_INLINE void TimesWideTokens(const float* weights, const Keys& keys, int64_t d, const Scratch& s, float* out) {
+  using V = Lanes<kWidth>;
+  V low[kQueries] = {};
+  V high[kQueries] = {};
+  const float* token = s.tokens + keys.first * s.depth + d;
+  for (int64_t j = 0; j < keys.count; ++j, token += s.depth) {
+    const V first = Load<kWidth>(token);
+    const V second = Load<kWidth>(token + kWidth);
+    for (int64_t q = 0; q < kQueries; ++q) {
+      low[q] += weights[q * s.keys + j] * first;
+      high[q] += weights[q * s.keys + j] * second;
+    }
+  }
+  for (int64_t q = 0; q < kQueries; ++q) {
+    Store(low[q], out + q * s.depth + d);
+    Store(high[q], out + q * s.depth + d + kWidth);
   }
 }
 
-// Softmax over the first 'count' scores; those up to 'used' become zero.
-HOLDFAST_INLINE void Softmax(float* scores, int64_t count, int64_t used) {
+template <int64_t kWidth>
+HOLDFAST_INLINE void TimesAllTokens(const float* weights, const Keys& keys, int64_t channels, const Scratch& s,
+                                    float* out) {
+  int64_t d = 0;
+  for (; d + kWidth < channels; d += 2 * kWidth) TimesWideTokens<kWidth>(weights, keys, d, s, out);
+  if (d < channels) TimesTokens<kWidth>(weights, keys, d, s, out);
+}
+
+// The first 'count' scores become 2^(score - largest), those up to a whole register next to nothing. Returns 1 / sum.
+template <int64_t kWidth>
+HOLDFAST_INLINE float Exponentials(float* scores, int64_t count) {
+  using V = Lanes<kWidth>;
+  const int64_t used = RoundUp(count, kWidth);
   for (int64_t j = count; j < used; ++j) scores[j] = -1e30f;
-  Lanes largest = Load(scores);
-  for (int64_t j = kLanes; j < used; j += kLanes) largest = Max(largest, Load(scores + j));
-  float top = largest[0];
-  for (int64_t i = 1; i < kLanes; ++i) top = std::max(top, largest[i]);
-  Lanes total = {};
-  for (int64_t j = 0; j < used; j += kLanes) {
-    const Lanes weight = ExpOfNegative(Load(scores + j) - top);
+  V largest = Load<kWidth>(scores);
+  for (int64_t j = kWidth; j < used; j += kWidth) largest = Max(largest, Load<kWidth>(scores + j));
+  const float top = Largest(largest);
+  V total = {};
+  for (int64_t j = 0; j < used; j += kWidth) {
+    const V weight = Exp2OfNegative(Load<kWidth>(scores + j) - top);
     Store(weight, scores + j);
     total += weight;
   }
-  float sum = Sum(total);
-  for (int64_t j = count; j < used; ++j) sum -= scores[j];
-  for (int64_t j = count; j < used; ++j) scores[j] = 0;
-  const float scale = 1.0f / sum;
-  for (int64_t j = 0; j < used; j += kLanes) Store(Load(scores + j) * scale, scores + j);
+  return 1.0f / Sum(total);
 }
 
-// Weights of kQueries queries into s.scores.
-template <typename T>
+// Weights of kQueries queries into s.scores; 'scales' are what they are to be multiplied with to give 1 in all.
+template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void Weigh(const AttentionMaps<T>& m, const Head& head, const Region& queries, int64_t first,
-                           int64_t keys, const Scratch& s) {
-  const float scale = 1.0f / std::sqrt(static_cast<float>(head.channels));
-  const int64_t used = RoundUp(keys);
-  GatherTokens(m, head, queries, first, m.query, scale, s.queries);
-  TimesKeys(s.queries, s.keys, head.channels, s.columns, used, s.scores);
-  for (int64_t q = 0; q < kQueries; ++q) Softmax(s.scores + q * s.columns, keys, used);
+                           const Keys& keys, const Scratch& s, float* scales) {
+  const float scale = kLog2OfE / std::sqrt(static_cast<float>(head.channels));
+  GatherTokens<kWidth>(m, head, queries, first, m.query, scale, s.queries);
+  TimesKeys<kWidth>(s.queries, keys, head.channels, s, s.scores);
+  for (int64_t q = 0; q < kQueries; ++q) scales[q] = Exponentials<kWidth>(s.scores + q * s.keys, keys.count);
 }
 
-template <typename T>
+template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void AttendPatch(const AttentionMaps<T>& m, const Head& head, int64_t row, int64_t column,
                                  const Scratch& s) {
   const Region queries = RegionOf(m, row, column, 0);
-  const Region keys = RegionOf(m, row, column, 1);
-  GatherKeys(m, head, keys, s);
+  const Keys keys = KeysOf(RegionOf(m, row, column, 1));
   for (int64_t first = 0; first < queries.count(); first += kQueries) {
-    Weigh(m, head, queries, first, keys.count(), s);
-    TimesKeysTransposed(s.scores, s.keys, head.channels, s.columns, RoundUp(keys.count()), s.outs);
+    float scales[kQueries];
+    Weigh<kWidth>(m, head, queries, first, keys, s, scales);
+    TimesAllTokens<kWidth>(s.scores, keys, head.channels, s, s.outs);
     for (int64_t q = 0; q < std::min(kQueries, queries.count() - first); ++q) {
       T* token = m.out + TokenAt(m, head, queries, first + q);
-      for (int64_t d = 0; d < head.channels; ++d) Assign(s.outs[q * head.channels + d], token + d);
+      Scale<kWidth>(s.outs + q * s.depth, head.channels, scales[q], token);
     }
   }
 }
 
-template <typename T>
+template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void Attend(const AttentionMaps<T>& m, float* memory, int64_t begin, int64_t end) {
   const Scratch scratch = Divide(m, memory);
   for (int64_t item = begin; item < end; ++item) {
     const int64_t row = item % m.patch_rows();
     const int64_t map = item / m.patch_rows();
     const Head head = HeadOf(m, map / m.heads, map % m.heads);
-    for (int64_t column = 0; column < m.patch_columns(); ++column) AttendPatch(m, head, row, column, scratch);
+    GatherStrip<kWidth>(m, head, RegionOf(m, row, 0, 1), scratch);
+    for (int64_t column = 0; column < m.patch_columns(); ++column) AttendPatch<kWidth>(m, head, row, column, scratch);
   }
 }
 
-// Turns s.grad_scores (gradients of the weights) into gradients of the scores.
-HOLDFAST_INLINE void SoftmaxBackward(int64_t depth, int64_t used, const Scratch& s) {
+// Turns s.scores into weights and s.grad_scores (gradients of the weights) into gradients of the scores.
+template <int64_t kWidth>
+HOLDFAST_INLINE void SoftmaxBackward(int64_t count, const float* scales, const Scratch& s) {
   for (int64_t q = 0; q < kQueries; ++q) {
     float shift = 0;  // sum_j weight_j * grad_j
-    for (int64_t d = 0; d < depth; ++d) shift += s.grads[q * depth + d] * s.outs[q * depth + d];
-    for (int64_t j = 0; j < used; j += kLanes) {
-      float* grad = s.grad_scores + q * s.columns + j;
-      Store(Load(s.scores + q * s.columns + j) * (Load(grad) - shift), grad);
+    for (int64_t d = 0; d < s.depth; ++d) shift += s.grads[q * s.depth + d] * s.outs[q * s.depth + d];
+    for (int64_t j = 0; j < count; j += kWidth) {
+      float* grad = s.grad_scores + q * s.keys + j;
+      float* weight = s.scores + q * s.keys + j;
+      Store(scales[q] * Load<kWidth>(weight), weight);
+      Store(Load<kWidth>(weight) * (Load<kWidth>(grad) - shift), grad);
     }
+    // What the last register holds besides is no key's.
+    for (int64_t j = count; j < RoundUp(count, kWidth); ++j) s.scores[q * s.keys + j] = 0;
+    for (int64_t j = count; j < RoundUp(count, kWidth); ++j) s.grad_scores[q * s.keys + j] = 0;
   }
 }
 
 // A token is key (through the scores) and value (through the weights) at once.
-HOLDFAST_INLINE void AddKeyGradients(int64_t depth, int64_t used, const Scratch& s) {
-  for (int64_t d = 0; d < depth; ++d) {
-    for (int64_t j = 0; j < used; j += kLanes) {
-      Lanes sum = Load(s.grad_keys + d * s.columns + j);
+template <int64_t kWidth>
+HOLDFAST_INLINE void AddKeyGradients(const Keys& keys, int64_t channels, const Scratch& s) {
+  using V = Lanes<kWidth>;
+  for (int64_t j = 0; j < keys.count; j += kWidth) {
+    V weights[kQueries];
+    V grads[kQueries];
+    for (int64_t q = 0; q < kQueries; ++q) {
+      weights[q] = Load<kWidth>(s.scores + q * s.keys + j);
+      grads[q] = Load<kWidth>(s.grad_scores + q * s.keys + j);
+    }
+    for (int64_t d = 0; d < channels; ++d) {
+      float* sum = s.grad_strip + d * s.columns + keys.first + j;
+      V value = Load<kWidth>(sum);
       for (int64_t q = 0; q < kQueries; ++q) {
-        sum += s.queries[q * depth + d] * Load(s.grad_scores + q * s.columns + j) +
-               s.grads[q * depth + d] * Load(s.scores + q * s.columns + j);
+        value += s.queries[q * s.depth + d] * grads[q] + s.grads[q * s.depth + d] * weights[q];
       }
-      Store(sum, s.grad_keys + d * s.columns + j);
+      Store(value, sum);
     }
   }
 }
 
-template <typename T>
-HOLDFAST_INLINE void ScatterKeyGradients(const AttentionMaps<T>& m, const Head& head, const Region& keys,
-                                         const Scratch& s) {
-  for (int64_t j = 0; j < keys.count(); ++j) {
-    float* token = m.grad_value + TokenAt(m, head, keys, j);
-    for (int64_t d = 0; d < head.channels; ++d) token[d] += s.grad_keys[d * s.columns + j];
-  }
-}
-
-template <typename T>
+template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void AttendPatchBackward(const AttentionMaps<T>& m, const Head& head, int64_t row, int64_t column,
                                          const Scratch& s) {
   const Region queries = RegionOf(m, row, column, 0);
-  const Region keys = RegionOf(m, row, column, 1);
+  const Keys keys = KeysOf(RegionOf(m, row, column, 1));
   const int64_t depth = head.channels;
-  const int64_t used = RoundUp(keys.count());
   const float scale = 1.0f / std::sqrt(static_cast<float>(depth));
-  GatherKeys(m, head, keys, s);
-  std::fill_n(s.grad_keys, depth * s.columns, 0.0f);
   for (int64_t first = 0; first < queries.count(); first += kQueries) {
-    Weigh(m, head, queries, first, keys.count(), s);
-    GatherTokens<T>(m, head, queries, first, m.out, 1.0f, s.outs);
-    GatherTokens(m, head, queries, first, m.grad_out, 1.0f, s.grads);
-    TimesKeys(s.grads, s.keys, depth, s.columns, used, s.grad_scores);
-    SoftmaxBackward(depth, used, s);
-    AddKeyGradients(depth, used, s);
-    TimesKeysTransposed(s.grad_scores, s.keys, depth, s.columns, used, s.outs);
+    float scales[kQueries];
+    Weigh<kWidth>(m, head, queries, first, keys, s, scales);
+    GatherTokens<kWidth>(m, head, queries, first, m.query, scale, s.queries);
+    GatherTokens<kWidth, T>(m, head, queries, first, m.out, 1.0f, s.outs);
+    GatherTokens<kWidth>(m, head, queries, first, m.grad_out, 1.0f, s.grads);
+    TimesKeys<kWidth>(s.grads, keys, depth, s, s.grad_scores);
+    SoftmaxBackward<kWidth>(keys.count, scales, s);
+    AddKeyGradients<kWidth>(keys, depth, s);
+    TimesAllTokens<kWidth>(s.grad_scores, keys, depth, s, s.outs);
     for (int64_t q = 0; q < std::min(kQueries, queries.count() - first); ++q) {
       float* token = m.grad_query + TokenAt(m, head, queries, first + q);
-      for (int64_t d = 0; d < depth; ++d) token[d] = scale * s.outs[q * depth + d];
+      Scale<kWidth>(s.outs + q * s.depth, depth, scale, token);
     }
   }
-  ScatterKeyGradients(m, head, keys, s);
 }
 
 template <typename T>
+HOLDFAST_INLINE void ScatterStripGradients(const AttentionMaps<T>& m, const Head& head, const Region& strip,
+                                           const Scratch& s) {
+  int64_t j = 0;
+  for (int64_t x = 0; x < m.width; ++x) {
+    for (int64_t y = strip.y0; y < strip.y1; ++y, ++j) {
+      float* token = m.grad_value + head.offset + (y * m.width + x) * m.channels;
+      for (int64_t d = 0; d < head.channels; ++d) token[d] += s.grad_strip[d * s.columns + j];
+    }
+  }
+}
+
+template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void AttendBackward(const AttentionMaps<T>& m, float* memory, int64_t begin, int64_t end) {
   const Scratch scratch = Divide(m, memory);
   for (int64_t item = begin; item < end; ++item) {
     const Head head = HeadOf(m, item / m.heads, item % m.heads);
     for (int64_t row = 0; row < m.patch_rows(); ++row) {
+      const Region strip = RegionOf(m, row, 0, 1);
+      GatherStrip<kWidth>(m, head, strip, scratch);
+      std::fill_n(scratch.grad_strip, head.channels * scratch.columns, 0.0f);
       for (int64_t column = 0; column < m.patch_columns(); ++column) {
-        AttendPatchBackward(m, head, row, column, scratch);
+        AttendPatchBackward<kWidth>(m, head, row, column, scratch);
       }
+      ScatterStripGradients(m, head, strip, scratch);
     }
   }
 }
@@ -255,23 +380,19 @@ HOLDFAST_INLINE void AttendBackward(const AttentionMaps<T>& m, float* memory, in
 
 template <typename T>
 int64_t AttentionMaps<T>::scratch_floats() const {
-  const int64_t columns = RoundUp(9 * patch * patch);
-  return 2 * (head_channels() + kQueries) * columns + 3 * kQueries * head_channels();
+  const Sizes sizes = SizesOf(*this);
+  return sizes.columns * (2 * head_channels() + sizes.depth) + kQueries * (2 * sizes.keys + 3 * sizes.depth);
 }
 template struct AttentionMaps<float>;
 template struct AttentionMaps<Bf16>;
 
-HOLDFAST_SIMD void AttendItems(const AttentionMaps<float>& maps, float* scratch, int64_t begin, int64_t end) {
-  Attend(maps, scratch, begin, end);
-}
-HOLDFAST_SIMD void AttendItems(const AttentionMaps<Bf16>& maps, float* scratch, int64_t begin, int64_t end) {
-  Attend(maps, scratch, begin, end);
-}
-HOLDFAST_SIMD void AttendBackwardItems(const AttentionMaps<float>& maps, float* scratch, int64_t begin, int64_t end) {
-  AttendBackward(maps, scratch, begin, end);
-}
-HOLDFAST_SIMD void AttendBackwardItems(const AttentionMaps<Bf16>& maps, float* scratch, int64_t begin, int64_t end) {
-  AttendBackward(maps, scratch, begin, end);
-}
+HOLDFAST_KERNEL(AttendItems, (const AttentionMaps<float>& maps, float* scratch, int64_t begin, int64_t end), Attend,
+                (maps, scratch, begin, end))
+HOLDFAST_KERNEL(AttendItems, (const AttentionMaps<Bf16>& maps, float* scratch, int64_t begin, int64_t end), Attend,
+                (maps, scratch, begin, end))
+HOLDFAST_KERNEL(AttendBackwardItems, (const AttentionMaps<float>& maps, float* scratch, int64_t begin, int64_t end),
+                AttendBackward, (maps, scratch, begin, end))
+HOLDFAST_KERNEL(AttendBackwardItems, (const AttentionMaps<Bf16>& maps, float* scratch, int64_t begin, int64_t end),
+                AttendBackward, (maps, scratch, begin, end))
 
 }  // namespace holdfast

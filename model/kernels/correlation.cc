@@ -43,34 +43,61 @@ HOLDFAST_INLINE Patch PatchAt(const float* xy, int64_t level, int64_t radius, co
 // cells each would be three times the work at R = 3. For the same reason K templates share each load of a cell.
 
 // Dot products of one cell with K templates, 'step' floats apart from one another in 'out'.
-template <int kTemplates, typename T>
+template <int64_t kWidth, int kTemplates, typename T>
 HOLDFAST_INLINE void Dots(const T* cell, const float* features, int64_t channels, float* out, int64_t step) {
-  Lanes sums[kTemplates] = {};
+  Lanes<kWidth> sums[kTemplates] = {};
   int64_t c = 0;
-  for (; c + kLanes <= channels; c += kLanes) {
-    const Lanes value = Load(cell + c);
-    for (int k = 0; k < kTemplates; ++k) sums[k] += value * Load(features + k * channels + c);
+  for (; c + kWidth <= channels; c += kWidth) {
+    const Lanes<kWidth> value = Load<kWidth>(cell + c);
+    for (int k = 0; k < kTemplates; ++k) sums[k] += value * Load<kWidth>(features + k * channels + c);
   }
   if (c < channels) {
-    const Lanes value = LoadTail(cell + c, channels - c);
-    for (int k = 0; k < kTemplates; ++k) sums[k] += value * LoadTail(features + k * channels + c, channels - c);
+    const Lanes<kWidth> value = LoadTail<kWidth>(cell + c, channels - c);
+    for (int k = 0; k < kTemplates; ++k) {
+      sums[k] += value * LoadTail<kWidth>(features + k * channels + c, channels - c);
+    }
   }
   for (int k = 0; k < kTemplates; ++k) out[k * step] = Sum(sums[k]);
 }
 
-// dots [side, side], column-major (x outer, y inner) -> out [2R+1, 2R+1].
-HOLDFAST_INLINE void Blend(const float* __restrict dots, const Patch& patch, int64_t radius, float scale,
-                           float* __restrict out) {
-  const int64_t side = 2 * radius + 2;
-  const int64_t width = side - 1;
-  float columns[kMaxSide * (kMaxSide - 1)];  // blended along y
-  for (int64_t a = 0; a < side; ++a) {
-    for (int64_t b = 0; b < width; ++b) {
-      columns[a * width + b] = (1 - patch.fy) * dots[a * side + b] + patch.fy * dots[a * side + b + 1];
+// The same for four cells 'stride' values apart: a load of a template serves all of them, and their sums are added up
+// together. To the bit what Dots gives for each.
+template <int64_t kWidth, int kTemplates, typename T>
+HOLDFAST_INLINE void FourDots(const T* cells, int64_t stride, const float* features, int64_t channels, float* out,
+                              int64_t step) {
+  Lanes<kWidth> sums[kTemplates][4] = {};
+  int64_t c = 0;
+  for (; c + kWidth <= channels; c += kWidth) {
+    for (int i = 0; i < 4; ++i) {
+      const Lanes<kWidth> value = Load<kWidth>(cells + i * stride + c);
+      for (int k = 0; k < kTemplates; ++k) sums[k][i] += value * Load<kWidth>(features + k * channels + c);
     }
   }
-  for (int64_t j = 0; j < width * width; ++j) {
-    out[j] = scale * ((1 - patch.fx) * columns[j] + patch.fx * columns[j + width]);
+  for (int i = 0; c < channels && i < 4; ++i) {
+    const Lanes<kWidth> value = LoadTail<kWidth>(cells + i * stride + c, channels - c);
+    for (int k = 0; k < kTemplates; ++k) {
+      sums[k][i] += value * LoadTail<kWidth>(features + k * channels + c, channels - c);
+    }
+  }
+  for (int k = 0; k < kTemplates; ++k) Store(SumEach(sums[k]), out + k * step);
+}
+
+// dots [side, side], column-major (x outer, y inner), and a register's floats behind them -> out [2R+1, 2R+1].
+template <int64_t kWidth>
+HOLDFAST_INLINE void Blend(const float* dots, const Patch& patch, int64_t radius, float scale, float* out) {
+  const int64_t side = 2 * radius + 2;
+  const int64_t width = side - 1;
+  float down[kMaxCells + kMaxSide + kMaxLanes];  // blended along y; the last of each column means nothing
+  for (int64_t i = 0; i < side * side; i += kWidth) {
+    Store((1 - patch.fy) * Load<kWidth>(dots + i) + patch.fy * Load<kWidth>(dots + i + 1), down + i);
+  }
+  float both[kMaxCells + kMaxLanes];
+  for (int64_t i = 0; i < width * side; i += kWidth) {
+    const Lanes<kWidth> left = (1 - patch.fx) * Load<kWidth>(down + i);
+    Store(scale * (left + patch.fx * Load<kWidth>(down + i + side)), both + i);
+  }
+  for (int64_t a = 0; a < width; ++a) {
+    for (int64_t b = 0; b < width; ++b) out[a * width + b] = both[a * side + b];
   }
 }
 
@@ -94,7 +121,25 @@ HOLDFAST_INLINE void BlendBackward(const float* __restrict grad_out, const Patch
   }
 }
 
-template <int kTemplates, typename T>
+// Dot products of all cells of a patch with K templates -> dots [K, side, side], zero outside the map.
+template <int64_t kWidth, int kTemplates, typename T>
+HOLDFAST_INLINE void DotsOfPatch(const MapView& map, const Patch& patch, int64_t side, const float* features,
+                                 int64_t channels, float* dots) {
+  const int64_t cells = side * side;
+  const int64_t stride = map.width * channels;
+  std::fill_n(dots, kTemplates * cells, 0.0f);
+  for (int64_t a = patch.x_begin; a < patch.x_end; ++a) {
+    const T* column = static_cast<const T*>(map.data) + patch.y0 * stride + (patch.x0 + a) * channels;
+    float* out = dots + a * side;
+    int64_t b = patch.y_begin;
+    for (; b + 4 <= patch.y_end; b += 4) {
+      FourDots<kWidth, kTemplates>(column + b * stride, stride, features, channels, out + b, cells);
+    }
+    for (; b < patch.y_end; ++b) Dots<kWidth, kTemplates>(column + b * stride, features, channels, out + b, cells);
+  }
+}
+
+template <int64_t kWidth, int kTemplates, typename T>
 HOLDFAST_INLINE void CorrelateItem(const CorrelationRows& rows, int64_t item) {
   const RowMaps& m = rows.maps;
   const MapView* maps = m.At(item / m.frames, item % m.frames);
@@ -103,20 +148,14 @@ HOLDFAST_INLINE void CorrelateItem(const CorrelationRows& rows, int64_t item) {
   const int64_t cells = side * side;
   const int64_t offsets = (side - 1) * (side - 1);
   const float scale = 1.0f / std::sqrt(static_cast<float>(m.channels));
+  float dots[kTemplates * kMaxCells + 2 * kMaxLanes];
+  std::fill_n(dots + kTemplates * cells, 2 * kMaxLanes, 0.0f);
   for (int64_t level = 0; level < m.levels; ++level) {
-    const MapView& map = maps[level];
-    const Patch patch = PatchAt(rows.xy + item * 2, level, rows.radius, map);
-    float dots[kTemplates * kMaxCells];
-    std::fill_n(dots, kTemplates * cells, 0.0f);
-    for (int64_t b = patch.y_begin; b < patch.y_end; ++b) {
-      const T* row = static_cast<const T*>(map.data) + (patch.y0 + b) * map.width * m.channels;
-      for (int64_t a = patch.x_begin; a < patch.x_end; ++a) {
-        Dots<kTemplates>(row + (patch.x0 + a) * m.channels, features, m.channels, dots + a * side + b, cells);
-      }
-    }
+    const Patch patch = PatchAt(rows.xy + item * 2, level, rows.radius, maps[level]);
+    DotsOfPatch<kWidth, kTemplates, T>(maps[level], patch, side, features, m.channels, dots);
     for (int k = 0; k < kTemplates; ++k) {
       float* out = rows.out + ((item * kTemplates + k) * m.levels + level) * offsets;
-      Blend(dots + k * cells, patch, rows.radius, scale, out);
+      Blend<kWidth>(dots + k * cells, patch, rows.radius, scale, out);
     }
   }
 }
@@ -125,13 +164,13 @@ HOLDFAST_INLINE void CorrelateItem(const CorrelationRows& rows, int64_t item) {
 // row * S + frame.
 HOLDFAST_INLINE int64_t ItemAt(const RowMaps& maps, int64_t i) { return i % maps.rows * maps.frames + i / maps.rows; }
 
-template <typename T>
-HOLDFAST_INLINE void Correlate(const CorrelationRows& rows, int64_t begin, int64_t end) {
+template <int64_t kWidth, typename T>
+HOLDFAST_INLINE void Correlate(const CorrelationRows& rows, T, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
     const int64_t item = ItemAt(rows.maps, i);
-    if (rows.templates == 1) CorrelateItem<1, T>(rows, item);
-    if (rows.templates == 2) CorrelateItem<2, T>(rows, item);
-    if (rows.templates == 3) CorrelateItem<3, T>(rows, item);
+    if (rows.templates == 1) CorrelateItem<kWidth, 1, T>(rows, item);
+    if (rows.templates == 2) CorrelateItem<kWidth, 2, T>(rows, item);
+    if (rows.templates == 3) CorrelateItem<kWidth, 3, T>(rows, item);
   }
 }
 
@@ -170,8 +209,8 @@ HOLDFAST_INLINE void LevelBackward(const CorrelationRows& rows, int64_t item, in
   }
 }
 
-template <typename T>
-HOLDFAST_INLINE void CorrelateBackward(const CorrelationRows& rows, int64_t begin, int64_t end) {
+template <int64_t, typename T>
+HOLDFAST_INLINE void CorrelateBackward(const CorrelationRows& rows, T, int64_t begin, int64_t end) {
   for (int64_t frame = begin; frame < end; ++frame) {
     for (int64_t row = 0; row < rows.maps.rows; ++row) {
       for (int64_t level = 0; level < rows.maps.levels; ++level) {
@@ -202,8 +241,8 @@ HOLDFAST_INLINE Corners CornersAt(const float* xy, const MapView& map) {
           {(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy}};
 }
 
-template <typename T>
-HOLDFAST_INLINE void Sample(const SampledRows& rows, int64_t begin, int64_t end) {
+template <int64_t, typename T>
+HOLDFAST_INLINE void Sample(const SampledRows& rows, T, int64_t begin, int64_t end) {
   const RowMaps& m = rows.maps;
   for (int64_t i = begin; i < end; ++i) {
     const int64_t item = ItemAt(m, i);
@@ -222,28 +261,8 @@ HOLDFAST_INLINE void Sample(const SampledRows& rows, int64_t begin, int64_t end)
   }
 }
 
-}  // namespace
-
-HOLDFAST_SIMD void CorrelateItems(const CorrelationRows& rows, float, int64_t begin, int64_t end) {
-  Correlate<float>(rows, begin, end);
-}
-HOLDFAST_SIMD void CorrelateItems(const CorrelationRows& rows, Bf16, int64_t begin, int64_t end) {
-  Correlate<Bf16>(rows, begin, end);
-}
-HOLDFAST_SIMD void CorrelateFramesBackward(const CorrelationRows& rows, float, int64_t begin, int64_t end) {
-  CorrelateBackward<float>(rows, begin, end);
-}
-HOLDFAST_SIMD void CorrelateFramesBackward(const CorrelationRows& rows, Bf16, int64_t begin, int64_t end) {
-  CorrelateBackward<Bf16>(rows, begin, end);
-}
-HOLDFAST_SIMD void SampleItems(const SampledRows& rows, float, int64_t begin, int64_t end) {
-  Sample<float>(rows, begin, end);
-}
-HOLDFAST_SIMD void SampleItems(const SampledRows& rows, Bf16, int64_t begin, int64_t end) {
-  Sample<Bf16>(rows, begin, end);
-}
-
-HOLDFAST_SIMD void SampleFramesBackward(const SampledRows& rows, int64_t begin, int64_t end) {
+template <int64_t>
+HOLDFAST_INLINE void SampleBackward(const SampledRows& rows, int64_t begin, int64_t end) {
   const RowMaps& m = rows.maps;
   for (int64_t frame = begin; frame < end; ++frame) {
     const MapView& map = rows.grad_maps[frame * m.levels];
@@ -258,5 +277,22 @@ HOLDFAST_SIMD void SampleFramesBackward(const SampledRows& rows, int64_t begin, 
     }
   }
 }
+
+}  // namespace
+
+HOLDFAST_KERNEL(CorrelateItems, (const CorrelationRows& rows, float type, int64_t begin, int64_t end), Correlate,
+                (rows, type, begin, end))
+HOLDFAST_KERNEL(CorrelateItems, (const CorrelationRows& rows, Bf16 type, int64_t begin, int64_t end), Correlate,
+                (rows, type, begin, end))
+HOLDFAST_KERNEL(CorrelateFramesBackward, (const CorrelationRows& rows, float type, int64_t begin, int64_t end),
+                CorrelateBackward, (rows, type, begin, end))
+HOLDFAST_KERNEL(CorrelateFramesBackward, (const CorrelationRows& rows, Bf16 type, int64_t begin, int64_t end),
+                CorrelateBackward, (rows, type, begin, end))
+HOLDFAST_KERNEL(SampleItems, (const SampledRows& rows, float type, int64_t begin, int64_t end), Sample,
+                (rows, type, begin, end))
+HOLDFAST_KERNEL(SampleItems, (const SampledRows& rows, Bf16 type, int64_t begin, int64_t end), Sample,
+                (rows, type, begin, end))
+HOLDFAST_KERNEL(SampleFramesBackward, (const SampledRows& rows, int64_t begin, int64_t end), SampleBackward,
+                (rows, begin, end))
 
 }  // namespace holdfast

@@ -44,7 +44,7 @@ HOLDFAST_INLINE void Moments(const T* x, int64_t pixels, int64_t channels, float
   if (fold.fold > 1) Narrow(fold, sums, squares);
 }
 
-template <typename T>
+template <int64_t, typename T>
 HOLDFAST_INLINE void BlockMoments(const NormMaps<T>& m, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
     const Block block = BlockAt(i, m.pixels, m.channels);
@@ -70,7 +70,7 @@ HOLDFAST_INLINE void ApplyRows(const T* __restrict x, const T* __restrict identi
   }
 }
 
-template <typename T>
+template <int64_t, typename T>
 HOLDFAST_INLINE void Apply(const NormMaps<T>& m, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
     const Block b = BlockAt(i, m.pixels, m.channels);
@@ -89,14 +89,12 @@ HOLDFAST_INLINE void Apply(const NormMaps<T>& m, int64_t begin, int64_t end) {
 
 }  // namespace
 
-HOLDFAST_SIMD void NormBlockMoments(const NormMaps<float>& maps, int64_t begin, int64_t end) {
-  BlockMoments(maps, begin, end);
-}
-HOLDFAST_SIMD void NormBlockMoments(const NormMaps<Bf16>& maps, int64_t begin, int64_t end) {
-  BlockMoments(maps, begin, end);
-}
-HOLDFAST_SIMD void NormApply(const NormMaps<float>& maps, int64_t begin, int64_t end) { Apply(maps, begin, end); }
-HOLDFAST_SIMD void NormApply(const NormMaps<Bf16>& maps, int64_t begin, int64_t end) { Apply(maps, begin, end); }
+HOLDFAST_KERNEL(NormBlockMoments, (const NormMaps<float>& maps, int64_t begin, int64_t end), BlockMoments,
+                (maps, begin, end))
+HOLDFAST_KERNEL(NormBlockMoments, (const NormMaps<Bf16>& maps, int64_t begin, int64_t end), BlockMoments,
+                (maps, begin, end))
+HOLDFAST_KERNEL(NormApply, (const NormMaps<float>& maps, int64_t begin, int64_t end), Apply, (maps, begin, end))
+HOLDFAST_KERNEL(NormApply, (const NormMaps<Bf16>& maps, int64_t begin, int64_t end), Apply, (maps, begin, end))
 
 // Joins means and sums of squares pairwise (Chan et al.): exact where sums of squares would cancel.
 void NormJoinMoments(const float* partial, int64_t pixels, int64_t channels, float* moments) {

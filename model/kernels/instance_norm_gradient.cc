@@ -27,18 +27,18 @@ struct GradientColumns {
   float* products;
 };
 
-// kLanes columns at once; compilers leave the loop below scalar for its choices.
-template <NormTail kTail, typename T>
+// kWidth columns at once; compilers leave the loop below scalar for its choices.
+template <int64_t kWidth, NormTail kTail, typename T>
 HOLDFAST_INLINE void SumLanes(const GradientColumns<T>& at, int64_t i, int64_t c) {
-  Lanes grad = Load(at.grad_y + i);
+  Lanes<kWidth> grad = Load<kWidth>(at.grad_y + i);
   if (kTail == NormTail::kReluAddRelu) {
-    grad = Load(at.y + i) > 0 ? grad : Lanes{};
+    grad = Load<kWidth>(at.y + i) > 0 ? grad : Lanes<kWidth>{};
     StoreExact(grad, at.grad_identity + i);
   }
-  const Lanes normed = (Load(at.x + i) - Load(at.mean + c)) * Load(at.rstd + c);
-  if (kTail != NormTail::kNone) grad = normed > 0 ? grad : Lanes{};
-  Store(Load(at.sum + c) + grad, at.sum + c);
-  Store(Load(at.products + c) + grad * normed, at.products + c);
+  const Lanes<kWidth> normed = (Load<kWidth>(at.x + i) - Load<kWidth>(at.mean + c)) * Load<kWidth>(at.rstd + c);
+  if (kTail != NormTail::kNone) grad = normed > 0 ? grad : Lanes<kWidth>{};
+  Store(Load<kWidth>(at.sum + c) + grad, at.sum + c);
+  Store(Load<kWidth>(at.products + c) + grad * normed, at.products + c);
 }
 
 template <NormTail kTail, typename T>
@@ -54,7 +54,7 @@ HOLDFAST_INLINE void SumColumn(const GradientColumns<T>& at, int64_t i, int64_t 
   at.products[c] += grad * normed;
 }
 
-template <NormTail kTail, typename T>
+template <int64_t kWidth, NormTail kTail, typename T>
 HOLDFAST_INLINE void SumGradients(const NormMaps<T>& m, const Block& b, const Fold& fold, float* sum, float* products) {
   WideMoments w;
   WidenMoments(m.moments + b.map * 2 * m.channels, fold, w);
@@ -65,18 +65,18 @@ HOLDFAST_INLINE void SumGradients(const NormMaps<T>& m, const Block& b, const Fo
   std::fill_n(products, fold.width, 0.0f);
   for (int64_t r = 0; r < fold.rows; ++r) {
     int64_t c = 0;
-    for (; c + kLanes <= fold.width; c += kLanes) SumLanes<kTail>(at, r * fold.width + c, c);
+    for (; c + kWidth <= fold.width; c += kWidth) SumLanes<kWidth, kTail>(at, r * fold.width + c, c);
     for (; c < fold.width; ++c) SumColumn<kTail>(at, r * fold.width + c, c);
   }
 }
 
-template <NormTail kTail, typename T>
+template <int64_t kWidth, NormTail kTail, typename T>
 HOLDFAST_INLINE void GradientsOfBlock(const NormMaps<T>& m, const Block& b, float* sum, float* products) {
   const Fold fold = FoldOf(b.pixels, m.channels);
-  if (fold.fold == 1) return SumGradients<kTail>(m, b, fold, sum, products);
+  if (fold.fold == 1) return SumGradients<kWidth, kTail>(m, b, fold, sum, products);
   float wide_sum[kMaxWidth] = {};
   float wide_products[kMaxWidth] = {};
-  SumGradients<kTail>(m, b, fold, wide_sum, wide_products);
+  SumGradients<kWidth, kTail>(m, b, fold, wide_sum, wide_products);
   Narrow(fold, wide_sum, sum);
   Narrow(fold, wide_products, products);
 }
@@ -107,19 +107,19 @@ HOLDFAST_INLINE void ApplyGradientsToBlock(const NormMaps<T>& m, const Block& b)
   }
 }
 
-template <typename T>
+template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void BlockGradients(const NormMaps<T>& m, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
     const Block block = BlockAt(i, m.pixels, m.channels);
     float* sum = m.partial + i * 2 * m.channels;
     float* products = sum + m.channels;
-    if (m.tail == NormTail::kNone) GradientsOfBlock<NormTail::kNone>(m, block, sum, products);
-    if (m.tail == NormTail::kRelu) GradientsOfBlock<NormTail::kRelu>(m, block, sum, products);
-    if (m.tail == NormTail::kReluAddRelu) GradientsOfBlock<NormTail::kReluAddRelu>(m, block, sum, products);
+    if (m.tail == NormTail::kNone) GradientsOfBlock<kWidth, NormTail::kNone>(m, block, sum, products);
+    if (m.tail == NormTail::kRelu) GradientsOfBlock<kWidth, NormTail::kRelu>(m, block, sum, products);
+    if (m.tail == NormTail::kReluAddRelu) GradientsOfBlock<kWidth, NormTail::kReluAddRelu>(m, block, sum, products);
   }
 }
 
-template <typename T>
+template <int64_t, typename T>
 HOLDFAST_INLINE void ApplyGradients(const NormMaps<T>& m, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
     const Block block = BlockAt(i, m.pixels, m.channels);
@@ -131,18 +131,14 @@ HOLDFAST_INLINE void ApplyGradients(const NormMaps<T>& m, int64_t begin, int64_t
 
 }  // namespace
 
-HOLDFAST_SIMD void NormBlockGradients(const NormMaps<float>& maps, int64_t begin, int64_t end) {
-  BlockGradients(maps, begin, end);
-}
-HOLDFAST_SIMD void NormBlockGradients(const NormMaps<Bf16>& maps, int64_t begin, int64_t end) {
-  BlockGradients(maps, begin, end);
-}
-HOLDFAST_SIMD void NormApplyGradients(const NormMaps<float>& maps, int64_t begin, int64_t end) {
-  ApplyGradients(maps, begin, end);
-}
-HOLDFAST_SIMD void NormApplyGradients(const NormMaps<Bf16>& maps, int64_t begin, int64_t end) {
-  ApplyGradients(maps, begin, end);
-}
+HOLDFAST_KERNEL(NormBlockGradients, (const NormMaps<float>& maps, int64_t begin, int64_t end), BlockGradients,
+                (maps, begin, end))
+HOLDFAST_KERNEL(NormBlockGradients, (const NormMaps<Bf16>& maps, int64_t begin, int64_t end), BlockGradients,
+                (maps, begin, end))
+HOLDFAST_KERNEL(NormApplyGradients, (const NormMaps<float>& maps, int64_t begin, int64_t end), ApplyGradients,
+                (maps, begin, end))
+HOLDFAST_KERNEL(NormApplyGradients, (const NormMaps<Bf16>& maps, int64_t begin, int64_t end), ApplyGradients,
+                (maps, begin, end))
 
 void NormJoinGradients(const float* partial, int64_t pixels, int64_t channels, float* sums) {
   const int64_t blocks = NormBlocks(pixels);

@@ -26,7 +26,7 @@ HOLDFAST_INLINE void MixRows(const ResizedMaps<T>& m, const T* __restrict top, c
   }
 }
 
-template <typename T>
+template <int64_t, typename T>
 HOLDFAST_INLINE void Rows(const ResizedMaps<T>& m, int64_t begin, int64_t end) {
   const int64_t values = m.width * m.channels;
   for (int64_t i = begin; i < end; ++i) {
@@ -52,7 +52,7 @@ HOLDFAST_INLINE void AddRow(const ResizedMaps<T>& m, const T* __restrict grad_ou
   }
 }
 
-template <typename T>
+template <int64_t, typename T>
 HOLDFAST_INLINE void Gradients(const ResizedMaps<T>& m, int64_t begin, int64_t end, float* __restrict row) {
   const int64_t values = m.width * m.channels;
   for (int64_t i = begin; i < end; ++i) {
@@ -83,14 +83,11 @@ std::vector<ResizePlace> ResizePlaces(int64_t out, int64_t in) {
   return places;
 }
 
-HOLDFAST_SIMD void ResizeRows(const ResizedMaps<float>& maps, int64_t begin, int64_t end) { Rows(maps, begin, end); }
-HOLDFAST_SIMD void ResizeRows(const ResizedMaps<Bf16>& maps, int64_t begin, int64_t end) { Rows(maps, begin, end); }
-
-HOLDFAST_SIMD void ResizeGradients(const ResizedMaps<float>& maps, int64_t begin, int64_t end, float* row) {
-  Gradients(maps, begin, end, row);
-}
-HOLDFAST_SIMD void ResizeGradients(const ResizedMaps<Bf16>& maps, int64_t begin, int64_t end, float* row) {
-  Gradients(maps, begin, end, row);
-}
+HOLDFAST_KERNEL(ResizeRows, (const ResizedMaps<float>& maps, int64_t begin, int64_t end), Rows, (maps, begin, end))
+HOLDFAST_KERNEL(ResizeRows, (const ResizedMaps<Bf16>& maps, int64_t begin, int64_t end), Rows, (maps, begin, end))
+HOLDFAST_KERNEL(ResizeGradients, (const ResizedMaps<float>& maps, int64_t begin, int64_t end, float* row), Gradients,
+                (maps, begin, end, row))
+HOLDFAST_KERNEL(ResizeGradients, (const ResizedMaps<Bf16>& maps, int64_t begin, int64_t end, float* row), Gradients,
+                (maps, begin, end, row))
 
 }  // namespace holdfast

@@ -1,29 +1,63 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sixteen floats at a time for the CPU kernels, in the compilers' portable vector types. A kernel marked HOLDFAST_SIMD
-// is compiled for several instruction sets and chosen when the program starts, so one binary runs on any x86-64.
-// Kernels are plain loops over pointers: no torch, no lambdas (which would not inherit the instruction set).
+// Vectors of floats for the CPU kernels, in the compilers' portable vector types, and the choice of instruction set.
+// A kernel is a template whose first parameter is the number of floats of a register: HOLDFAST_KERNEL compiles it once
+// for each instruction set, and which of them runs is chosen in the process, so one binary runs on any x86-64. A vector
+// wider than the registers would live in memory. Kernels are plain loops over pointers: no torch, no lambdas (which
+// would not inherit the instruction set).
 #pragma once
 
 #include <cstdint>
 #include <cstring>
 
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(HOLDFAST_SANITIZED)
-#define HOLDFAST_SIMD __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+// Defines the function 'name' with 'parameters' (both lists in brackets), which calls the always-inlined template
+// 'body' with 'arguments', compiled for the instruction set that runs.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define HOLDFAST_KERNEL(name, parameters, body, arguments)                                       \
+  namespace {                                                                                    \
+  __attribute__((target("arch=x86-64-v4"))) void name##Avx512 parameters { body<16> arguments; } \
+  __attribute__((target("arch=x86-64-v3"))) void name##Avx2 parameters { body<8> arguments; }    \
+  void name##Base parameters { body<4> arguments; }                                              \
+  }                                                                                              \
+  void name parameters {                                                                         \
+    const InstructionSet set = KernelInstructionSet();                                           \
+    if (set == InstructionSet::kAvx512) return name##Avx512 arguments;                           \
+    if (set == InstructionSet::kAvx2) return name##Avx2 arguments;                               \
+    name##Base arguments;                                                                        \
+  }
 #else
-#define HOLDFAST_SIMD
+#define HOLDFAST_KERNEL(name, parameters, body, arguments) \
+  void name parameters { body<4> arguments; }
 #endif
 #define HOLDFAST_INLINE inline __attribute__((always_inline))
 
 namespace holdfast {
+
+// kBase is what every processor of the architecture has: SSE2, or NEON.
+enum class InstructionSet { kBase, kAvx2, kAvx512 };
+// The best that the processor has and oneDNN's variable DNNL_MAX_CPU_ISA, read once, allows.
+InstructionSet KernelInstructionSet();
 
 // The upper half of a float32, as bfloat16 tensors store it.
 struct Bf16 {
   uint16_t bits;
 };
 
-using Lanes = float __attribute__((vector_size(64)));
-using IntLanes = int32_t __attribute__((vector_size(64)));
-constexpr int64_t kLanes = 16;
+// Not 'using': GCC takes no notice of such an attribute there when it depends on a template's parameter.
+template <int64_t kWidth>
+struct VectorTypes {
+  typedef float Floats __attribute__((vector_size(kWidth * sizeof(float))));
+  typedef int32_t Ints __attribute__((vector_size(kWidth * sizeof(int32_t))));
+  typedef uint32_t Words __attribute__((vector_size(kWidth * sizeof(uint32_t))));
+  typedef uint16_t Halves __attribute__((vector_size(kWidth * sizeof(uint16_t))));
+};
+// kWidth floats; templates below that take such a vector call its type V.
+template <int64_t kWidth>
+using Lanes = typename VectorTypes<kWidth>::Floats;
+template <typename V>
+constexpr int64_t kLanesOf = sizeof(V) / sizeof(float);
+
+constexpr int64_t kMaxLanes = 16;
+HOLDFAST_INLINE int64_t RoundUp(int64_t count, int64_t unit) { return (count + unit - 1) / unit * unit; }
 
 HOLDFAST_INLINE float ToFloat(float value) { return value; }
 HOLDFAST_INLINE float ToFloat(Bf16 value) {
@@ -42,63 +76,108 @@ HOLDFAST_INLINE void Assign(float value, Bf16* to) {
   to->bits = static_cast<uint16_t>(value == value ? rounded : 0x7fc0u);
 }
 
-HOLDFAST_INLINE Lanes Load(const float* from) {
-  Lanes result;
+template <int64_t kWidth>
+HOLDFAST_INLINE Lanes<kWidth> Load(const float* from) {
+  Lanes<kWidth> result;
   std::memcpy(&result, from, sizeof(result));
   return result;
 }
-HOLDFAST_INLINE Lanes Load(const Bf16* from) {
-  using Halves = uint16_t __attribute__((vector_size(32)));
-  using Words = uint32_t __attribute__((vector_size(64)));
-  Halves halves;
+template <int64_t kWidth>
+HOLDFAST_INLINE Lanes<kWidth> Load(const Bf16* from) {
+  typename VectorTypes<kWidth>::Halves halves;
   std::memcpy(&halves, from, sizeof(halves));
-  return reinterpret_cast<Lanes>(__builtin_convertvector(halves, Words) << 16);
+  return reinterpret_cast<Lanes<kWidth>>(__builtin_convertvector(halves, typename VectorTypes<kWidth>::Words) << 16);
 }
-// The first 'count' < kLanes values, zeros behind them.
-template <typename T>
-HOLDFAST_INLINE Lanes LoadTail(const T* from, int64_t count) {
-  float values[kLanes] = {};
+// The first 'count' < kWidth values, zeros behind them.
+template <int64_t kWidth, typename T>
+HOLDFAST_INLINE Lanes<kWidth> LoadTail(const T* from, int64_t count) {
+  float values[kWidth] = {};
   for (int64_t i = 0; i < count; ++i) values[i] = ToFloat(from[i]);
-  return Load(values);
+  return Load<kWidth>(values);
 }
-HOLDFAST_INLINE void Store(Lanes value, float* to) { std::memcpy(to, &value, sizeof(value)); }
+template <typename V>
+HOLDFAST_INLINE void Store(V value, float* to) {
+  std::memcpy(to, &value, sizeof(value));
+}
+// As Assign rounds.
+template <typename V>
+HOLDFAST_INLINE void StoreRounded(V value, float* to) {
+  Store(value, to);
+}
+template <typename V>
+HOLDFAST_INLINE void StoreRounded(V value, Bf16* to) {
+  using Types = VectorTypes<kLanesOf<V>>;
+  using Words = typename Types::Words;
+  const Words bits = reinterpret_cast<Words>(value);
+  const Words rounded = (bits + 0x7fffu + ((bits >> 16) & 1u)) >> 16;
+  const Words kept = value == value ? rounded : (Words{} + 0x7fc0u);
+  const auto halves = __builtin_convertvector(kept, typename Types::Halves);
+  std::memcpy(to, &halves, sizeof(halves));
+}
 // Cuts off the lower halves: for values that are bfloat16 already.
-HOLDFAST_INLINE void StoreExact(Lanes value, float* to) { Store(value, to); }
-HOLDFAST_INLINE void StoreExact(Lanes value, Bf16* to) {
-  using Halves = uint16_t __attribute__((vector_size(32)));
-  using Words = uint32_t __attribute__((vector_size(64)));
-  const Halves halves = __builtin_convertvector(reinterpret_cast<Words>(value) >> 16, Halves);
+template <typename V>
+HOLDFAST_INLINE void StoreExact(V value, float* to) {
+  Store(value, to);
+}
+template <typename V>
+HOLDFAST_INLINE void StoreExact(V value, Bf16* to) {
+  using Types = VectorTypes<kLanesOf<V>>;
+  const auto halves =
+      __builtin_convertvector(reinterpret_cast<typename Types::Words>(value) >> 16, typename Types::Halves);
   std::memcpy(to, &halves, sizeof(halves));
 }
 
-HOLDFAST_INLINE float Sum(Lanes v) {
-  using Eight = float __attribute__((vector_size(32)));
-  using Four = float __attribute__((vector_size(16)));
-  const Eight eight = __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7) +
-                      __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15);
-  const Four four =
-      __builtin_shufflevector(eight, eight, 0, 1, 2, 3) + __builtin_shufflevector(eight, eight, 4, 5, 6, 7);
-  return (four[0] + four[2]) + (four[1] + four[3]);
+HOLDFAST_INLINE Lanes<4> LowerHalf(Lanes<8> v) { return __builtin_shufflevector(v, v, 0, 1, 2, 3); }
+HOLDFAST_INLINE Lanes<4> UpperHalf(Lanes<8> v) { return __builtin_shufflevector(v, v, 4, 5, 6, 7); }
+HOLDFAST_INLINE Lanes<8> LowerHalf(Lanes<16> v) { return __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7); }
+HOLDFAST_INLINE Lanes<8> UpperHalf(Lanes<16> v) { return __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15); }
+
+HOLDFAST_INLINE float Sum(Lanes<4> v) { return (v[0] + v[2]) + (v[1] + v[3]); }
+template <typename V>
+HOLDFAST_INLINE float Sum(V v) {
+  return Sum(LowerHalf(v) + UpperHalf(v));
+}
+// The sums of four vectors, each as Sum gives it.
+HOLDFAST_INLINE Lanes<4> SumEach(const Lanes<4> (&v)[4]) {
+  const Lanes<4> front =
+      __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5) + __builtin_shufflevector(v[0], v[1], 2, 6, 3, 7);
+  const Lanes<4> back =
+      __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5) + __builtin_shufflevector(v[2], v[3], 2, 6, 3, 7);
+  return __builtin_shufflevector(front, back, 0, 1, 4, 5) + __builtin_shufflevector(front, back, 2, 3, 6, 7);
+}
+template <typename V>
+HOLDFAST_INLINE Lanes<4> SumEach(const V (&v)[4]) {
+  decltype(LowerHalf(v[0])) halves[4];
+  for (int i = 0; i < 4; ++i) halves[i] = LowerHalf(v[i]) + UpperHalf(v[i]);
+  return SumEach(halves);
 }
 
-HOLDFAST_INLINE Lanes Max(Lanes a, Lanes b) { return a > b ? a : b; }
+template <typename V>
+HOLDFAST_INLINE V Max(V a, V b) {
+  return a > b ? a : b;
+}
+template <typename V>
+HOLDFAST_INLINE float Largest(V v) {
+  float largest = v[0];
+  for (int64_t i = 1; i < kLanesOf<V>; ++i) largest = v[i] > largest ? v[i] : largest;
+  return largest;
+}
 
-// e^x to about 2e-7 relative for x <= 0 (softmax needs no more); below -87 it gives e^-87.
-HOLDFAST_INLINE Lanes ExpOfNegative(Lanes x) {
-  const Lanes floor = Lanes{} - 87.0f;
-  x = Max(x, floor);
+// 2^x to about 2e-7 relative for x <= 0 (softmax needs no more); below -126 it gives 2^-126.
+template <typename V>
+HOLDFAST_INLINE V Exp2OfNegative(V x) {
   constexpr float kRounder = 12582912.0f;  // 1.5 * 2^23: adding it leaves the nearest integer in the low bits
-  const Lanes shifted = x * 1.44269504f + kRounder;
-  const Lanes n = shifted - kRounder;
-  const Lanes r = (x - n * 0.693359375f) + n * 2.12194440e-4f;  // ln 2 in two parts
-  Lanes p = r * 1.9875691500e-4f + 1.3981999507e-3f;
-  p = p * r + 8.3334519073e-3f;
-  p = p * r + 4.1665795894e-2f;
-  p = p * r + 1.6666665459e-1f;
-  p = p * r + 5.0000001201e-1f;
-  p = p * r * r + r + 1.0f;
-  const IntLanes exponent = (reinterpret_cast<IntLanes>(shifted) - 0x4b400000 + 127) << 23;
-  return p * reinterpret_cast<Lanes>(exponent);
+  using Ints = typename VectorTypes<kLanesOf<V>>::Ints;
+  x = Max(x, V{} - 126.0f);
+  const V shifted = x + kRounder;
+  const V r = x - (shifted - kRounder);
+  V p = r * 1.3264726839e-3f + 9.6715126653e-3f;
+  p = p * r + 5.5507337444e-2f;
+  p = p * r + 2.4022242085e-1f;
+  p = p * r + 6.9314697760e-1f;
+  p = p * r + 1.0f;
+  // The integer's bits move into the exponent; those of the rounder leave at the top.
+  return reinterpret_cast<V>(reinterpret_cast<Ints>(p) + (reinterpret_cast<Ints>(shifted) << 23));
 }
 
 }  // namespace holdfast
