@@ -44,5 +44,41 @@ TEST_P(ConvolutionTest, ValuesAndGradientsEqualAtens) {
 INSTANTIATE_TEST_SUITE_P(Shapes, ConvolutionTest,
                          testing::Values(Case{8, 1, 2}, Case{8, 3, 2}, Case{24, 1, 2}, Case{24, 3, 1}, Case{3, 7, 2}));
 
+// A kernel of one line through the layer over time, as the update block has it.
+torch::Tensor ConvolveAny(const torch::Tensor& x, const torch::nn::Conv2d& conv) {
+  if (conv->weight.size(2) > 1) return Convolve(x, conv);
+  torch::nn::Conv1d line(torch::nn::Conv1dOptions(x.size(1), conv->weight.size(0), conv->weight.size(3)));
+  line->weight.copy_(conv->weight.squeeze(2));
+  line->bias.copy_(conv->bias);
+  return Convolve(x, line);
+}
+
+struct Shape {
+  int64_t channels, out_channels, height, width, kernel_height, kernel_width, stride;
+};
+
+// Widths that tiles do not divide, panels that are not full, lines of the kernel that are cut and that go together,
+// maps narrower than a tile or lower than the kernel, and more rows than are computed at once.
+TEST(ConvolutionForwardTest, EqualsAtensAtAnyShapeAndMapByMap) {
+  const torch::NoGradGuard no_grad;
+  torch::manual_seed(6);
+  for (const Shape& s : {Shape{5, 24, 9, 31, 3, 3, 1}, Shape{5, 20, 9, 31, 3, 3, 2}, Shape{160, 33, 7, 13, 3, 3, 1},
+                         Shape{3, 8, 40, 24, 7, 7, 2}, Shape{150, 48, 1, 24, 1, 3, 1}, Shape{300, 3, 1, 5, 1, 3, 1},
+                         Shape{16, 16, 2, 3, 3, 3, 1}, Shape{2, 96, 1, 1, 3, 3, 1}, Shape{64, 64, 6, 300, 3, 3, 1}}) {
+    torch::nn::Conv2d conv(torch::nn::Conv2dOptions(s.channels, s.out_channels, {s.kernel_height, s.kernel_width})
+                               .stride(s.stride)
+                               .padding({s.kernel_height / 2, s.kernel_width / 2}));
+    const torch::Tensor x =
+        torch::randn({11, s.channels, s.height, s.width}).contiguous(torch::MemoryFormat::ChannelsLast);
+    const auto wide = [](const torch::Tensor& t) { return t.to(torch::kDouble); };
+    const torch::Tensor want = at::conv2d(wide(x), wide(conv->weight), wide(conv->bias), {s.stride, s.stride},
+                                          {s.kernel_height / 2, s.kernel_width / 2});
+    const torch::Tensor got = ConvolveAny(x, conv);
+    EXPECT_LE(RelativeDifference(got, want), 1e-5) << s.channels << " " << s.width;
+    EXPECT_TRUE(torch::equal(ConvolveAny(x.narrow(0, 7, 2), conv), got.narrow(0, 7, 2)))
+        << s.channels << " " << s.width;
+  }
+}
+
 }  // namespace
 }  // namespace holdfast

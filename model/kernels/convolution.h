@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plain loops behind convolution.cc: the convolution of float32 maps as products of matrices. A row of the result is
+// computed the same way whatever there is besides.
+#pragma once
+
+#include <cstdint>
+
+namespace holdfast {
+
+// Padding is half of the kernel, with zeros.
+struct ConvolutionMaps {
+  int64_t images = 0;
+  int64_t height = 0, width = 0, channels = 0;  // of x
+  int64_t out_height = 0, out_width = 0, out_channels = 0;
+  int64_t kernel_height = 0, kernel_width = 0;
+  int64_t stride = 1;
+  const float* x = nullptr;        // [images, height, width, channels]
+  const float* weights = nullptr;  // [out_channels, kernel_height, kernel_width, channels]
+  const float* bias = nullptr;     // [out_channels]; may be null
+  float* packed = nullptr;         // packed_floats(): weights and bias in the order in which they are read
+  float* y = nullptr;              // [images, out_height, out_width, out_channels]
+
+  int64_t rows() const { return images * out_height; }
+  int64_t packed_floats() const;
+  // Rows of the result that are computed together.
+  int64_t group_rows() const;
+  // Floats of scratch memory that one thread needs.
+  int64_t scratch_floats() const;
+};
+
+// Fills 'packed', before anything else.
+void PackWeights(const ConvolutionMaps& maps);
+// Rows [begin, end) of the result.
+void ConvolveRows(const ConvolutionMaps& maps, float* scratch, int64_t begin, int64_t end);
+
+}  // namespace holdfast
