@@ -8,6 +8,7 @@
 
 #include "model/ops/convolution.h"
 #include "model/ops/patch_attention.h"
+#include "model/ops/tokens.h"
 
 namespace holdfast {
 namespace {
@@ -15,17 +16,6 @@ namespace {
 // [F, C, H, W] channels-last <-> [F, H, W, C] contiguous: views of the same memory.
 torch::Tensor ToTokens(const torch::Tensor& map) { return map.permute({0, 2, 3, 1}); }
 torch::Tensor ToMap(const torch::Tensor& tokens) { return tokens.permute({0, 3, 1, 2}); }
-
-// Statistics and arithmetic in float32 at least; the result has the dtype of the weights.
-torch::Tensor Normalize(const torch::Tensor& map, const torch::nn::LayerNorm& norm) {
-  const torch::ScalarType dtype = norm->weight.scalar_type();
-  const torch::ScalarType wide = torch::promote_types(dtype, torch::kFloat32);
-  const torch::Tensor tokens = ToTokens(map).contiguous().to(wide);
-  const auto& options = norm->options;
-  const torch::Tensor normed =
-      torch::layer_norm(tokens, options.normalized_shape(), norm->weight.to(wide), norm->bias.to(wide), options.eps());
-  return ToMap(normed.to(dtype));
-}
 
 torch::nn::LayerNorm MakeNorm(int64_t channels) {
   return torch::nn::LayerNorm(torch::nn::LayerNormOptions({channels}).eps(1e-5));
@@ -37,9 +27,7 @@ AttentionMlpImpl::AttentionMlpImpl(int64_t channels, int64_t hidden)
     : fc1_(register_module("fc1", torch::nn::Linear(channels, hidden))),
       fc2_(register_module("fc2", torch::nn::Linear(hidden, channels))) {}
 
-torch::Tensor AttentionMlpImpl::forward(const torch::Tensor& x) {
-  return Convolve(torch::gelu(Convolve(x, fc1_)), fc2_);
-}
+torch::Tensor AttentionMlpImpl::forward(const torch::Tensor& x) { return Convolve(Gelu(Convolve(x, fc1_)), fc2_); }
 
 ContextBlockImpl::ContextBlockImpl(const ModelOptions& options)
     : heads_(options.context_heads), patch_(options.context_patch) {
@@ -53,12 +41,12 @@ ContextBlockImpl::ContextBlockImpl(const ModelOptions& options)
 }
 
 torch::Tensor ContextBlockImpl::forward(const torch::Tensor& x) {
-  const torch::Tensor normed = Normalize(x, norm1_);
+  const torch::Tensor normed = NormChannels(x, norm1_);
   const torch::Tensor query = ToTokens(Convolve(normed, query_));
   const torch::Tensor value = ToTokens(Convolve(normed, value_));
   const torch::Tensor attended = ToMap(PatchAttention(query, value, {heads_, patch_}));
   const torch::Tensor y = x + Convolve(attended, proj_);
-  return y + mlp_->forward(Normalize(y, norm2_));
+  return y + mlp_->forward(NormChannels(y, norm2_));
 }
 
 ContextualAttentionImpl::ContextualAttentionImpl(const ModelOptions& options) {
@@ -71,7 +59,7 @@ ContextualAttentionImpl::ContextualAttentionImpl(const ModelOptions& options) {
 torch::Tensor ContextualAttentionImpl::forward(const torch::Tensor& map) {
   torch::Tensor x = map;
   for (const auto& block : *blocks_) x = block->as<ContextBlock>()->forward(x);
-  return Normalize(x, norm_);
+  return NormChannels(x, norm_);
 }
 
 }  // namespace holdfast
