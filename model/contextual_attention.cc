@@ -45,8 +45,8 @@ torch::Tensor ContextBlockImpl::forward(const torch::Tensor& x) {
   const torch::Tensor query = ToTokens(Convolve(normed, query_));
   const torch::Tensor value = ToTokens(Convolve(normed, value_));
   const torch::Tensor attended = ToMap(PatchAttention(query, value, {heads_, patch_}));
-  const torch::Tensor y = x + Convolve(attended, proj_);
-  return y + mlp_->forward(NormChannels(y, norm2_));
+  const torch::Tensor y = Convolve(attended, proj_).add_(x);
+  return mlp_->forward(NormChannels(y, norm2_)).add_(y);
 }
 
 ContextualAttentionImpl::ContextualAttentionImpl(const ModelOptions& options) {

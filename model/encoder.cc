@@ -59,9 +59,9 @@ torch::Tensor EncoderImpl::forward(const torch::Tensor& x) {
   std::vector<torch::Tensor> scales;
   for (auto& layer : layers_) {
     map = layer->forward(map);
-    scales.push_back(ResizeBilinear(map, height, width));
+    scales.push_back(map);
   }
-  return Convolve(InstanceNormRelu(Convolve(torch::cat(scales, 1), conv2_)), conv3_);
+  return Convolve(InstanceNormRelu(Convolve(ResizeAndJoin(scales, height, width), conv2_)), conv3_);
 }
 
 }  // namespace holdfast

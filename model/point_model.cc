@@ -21,8 +21,9 @@ PointModelImpl::PointModelImpl(const ModelOptions& options) : options_(options) 
 
 torch::Tensor PointModelImpl::EncodeBatch(const torch::Tensor& frames) {
   const torch::Tensor& weight = norm_->weight;
-  const torch::Tensor pictures = frames.to(weight.device()).permute({0, 3, 1, 2}).to(torch::kFloat32);
-  const torch::Tensor map = fnet_->forward((pictures / 255.0 * 2.0 - 1.0).to(weight.scalar_type()));
+  torch::Tensor pictures = frames.to(weight.device()).permute({0, 3, 1, 2}).to(torch::kFloat32);
+  pictures.div_(255.0).mul_(2.0).sub_(1.0);
+  const torch::Tensor map = fnet_->forward(pictures.to(weight.scalar_type()));
   return context_.is_empty() ? map : context_->forward(map);
 }
 

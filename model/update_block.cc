@@ -18,14 +18,6 @@ namespace {
 constexpr int64_t kBlocks = 8;
 constexpr int64_t kBlocksPerStage = 2;  // channels double from one stage to the next
 
-// Channels of x [N, C, 1, S] channels-last with 'growth' / 2 zeros before them and the rest behind.
-torch::Tensor PadChannels(const torch::Tensor& x, int64_t growth) {
-  if (growth == 0) return x;
-  const int64_t before = growth / 2;
-  const torch::Tensor rows = torch::constant_pad_nd(x.permute({0, 2, 3, 1}), {before, growth - before});
-  return rows.permute({0, 3, 1, 2});
-}
-
 }  // namespace
 
 TemporalConvImpl::TemporalConvImpl(int64_t in_channels, int64_t out_channels)
@@ -43,7 +35,9 @@ TemporalBlockImpl::TemporalBlockImpl(int64_t in_channels, int64_t out_channels, 
 
 torch::Tensor TemporalBlockImpl::forward(const torch::Tensor& x) {
   const torch::Tensor y = conv1_->forward(first_ ? x : InstanceNormRelu(x));
-  return conv2_->forward(InstanceNormRelu(y)).add_(PadChannels(x, growth_));
+  torch::Tensor sum = conv2_->forward(InstanceNormRelu(y));
+  sum.narrow(1, growth_ / 2, x.size(1)).add_(x);
+  return sum;
 }
 
 UpdateBlockImpl::UpdateBlockImpl(const ModelOptions& options) : embedding_channels_(options.feature_channels) {
@@ -65,7 +59,7 @@ torch::Tensor UpdateBlockImpl::forward(const torch::Tensor& correlation, const t
   const torch::Tensor inputs = torch::cat({correlation, EmbedMotion(xy, embedding_channels_)}, 2);
   // [N, D, 1, S] channels-last
   torch::Tensor x = inputs.to(dense_->weight.scalar_type()).unsqueeze(1).permute({0, 3, 1, 2});
-  x = torch::relu(first_block_conv_->forward(x));
+  x = first_block_conv_->forward(x).relu_();
   for (const auto& block : *basicblock_list_) x = block->as<TemporalBlock>()->forward(x);
   return ConvolveInFloat(torch::relu(x), dense_).squeeze(2).transpose(1, 2).to(torch::kFloat32);
 }

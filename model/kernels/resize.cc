@@ -17,7 +17,7 @@ HOLDFAST_INLINE void MixRows(const ResizedMaps<T>& m, const T* __restrict top, c
     const T* top_right = top + at.second * m.channels;
     const T* bottom_left = bottom + at.first * m.channels;
     const T* bottom_right = bottom + at.second * m.channels;
-    T* pixel = out + x * m.channels;
+    T* pixel = out + x * m.out_step;
     for (int64_t c = 0; c < m.channels; ++c) {
       const float upper = left * ToFloat(top_left[c]) + at.share * ToFloat(top_right[c]);
       const float lower = left * ToFloat(bottom_left[c]) + at.share * ToFloat(bottom_right[c]);
@@ -32,7 +32,7 @@ HOLDFAST_INLINE void Rows(const ResizedMaps<T>& m, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
     const ResizePlace at = m.rows[i % m.out_height];
     const T* map = m.map + i / m.out_height * m.height * values;
-    MixRows(m, map + at.first * values, map + at.second * values, at.share, m.out + i * m.out_width * m.channels);
+    MixRows(m, map + at.first * values, map + at.second * values, at.share, m.out + i * m.out_width * m.out_step);
   }
 }
 

@@ -29,7 +29,8 @@ struct ResizedMaps {
   const ResizePlace* rows = nullptr;      // [h]
   const ResizePlace* columns = nullptr;   // [w]
   const T* map = nullptr;                 // [N, H, W, C]
-  T* out = nullptr;                       // [N, h, w, C]
+  T* out = nullptr;                       // [N, h, w, C], C of out_step channels of each pixel
+  int64_t out_step = 0;                   // at least C
   const T* grad_out = nullptr;            // [N, h, w, C]
   T* grad = nullptr;                      // [N, H, W, C]
 };

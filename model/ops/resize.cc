@@ -39,21 +39,30 @@ ResizedMaps<T> MapsOf(const torch::Tensor& source, const torch::Tensor& target, 
   return maps;
 }
 
+// out: channels-last, or some channels of such maps.
 template <typename T>
 void Forward(const torch::Tensor& map, const torch::Tensor& out) {
   Places places;
   ResizedMaps<T> maps = MapsOf<T>(map, out, places);
   maps.map = KernelData<T>(map);
   maps.out = KernelData<T>(out);
+  maps.out_step = out.stride(3);
   at::parallel_for(0, out.size(0) * maps.out_height, kGrainRows,
                    [&](int64_t begin, int64_t end) { ResizeRows(maps, begin, end); });
 }
 
-torch::Tensor RunForward(const torch::Tensor& map, int64_t height, int64_t width) {
+void ForwardInto(const torch::Tensor& map, const torch::Tensor& out) {
   const torch::Tensor source = map.contiguous(torch::MemoryFormat::ChannelsLast);
-  const torch::Tensor out =
-      torch::empty({map.size(0), map.size(1), height, width}, map.options(), torch::MemoryFormat::ChannelsLast);
   map.scalar_type() == torch::kBFloat16 ? Forward<Bf16>(source, out) : Forward<float>(source, out);
+}
+
+torch::Tensor EmptyMap(const torch::Tensor& like, int64_t channels, int64_t height, int64_t width) {
+  return torch::empty({like.size(0), channels, height, width}, like.options(), torch::MemoryFormat::ChannelsLast);
+}
+
+torch::Tensor RunForward(const torch::Tensor& map, int64_t height, int64_t width) {
+  const torch::Tensor out = EmptyMap(map, map.size(1), height, width);
+  ForwardInto(map, out);
   return out;
 }
 
@@ -96,6 +105,33 @@ torch::Tensor ResizeBilinear(const torch::Tensor& map, int64_t height, int64_t w
   if (!HasKernel(map)) return at::upsample_bilinear2d(map, {height, width}, /*align_corners=*/true);
   if (!map.requires_grad() || !torch::GradMode::is_enabled()) return RunForward(map, height, width);
   return ResizeFunction::apply(map, height, width);
+}
+
+torch::Tensor ResizeAndJoin(const std::vector<torch::Tensor>& maps, int64_t height, int64_t width) {
+  int64_t channels = 0;
+  bool in_place = !torch::GradMode::is_enabled();
+  for (const auto& map : maps) {
+    in_place = in_place && HasKernel(map) && map.scalar_type() == maps.front().scalar_type();
+    channels += map.size(1);
+  }
+  if (!in_place) {
+    std::vector<torch::Tensor> resized;
+    resized.reserve(maps.size());
+    for (const auto& map : maps) resized.push_back(ResizeBilinear(map, height, width));
+    return torch::cat(resized, 1);
+  }
+  const torch::Tensor joined = EmptyMap(maps.front(), channels, height, width);
+  int64_t first = 0;
+  for (const auto& map : maps) {
+    const torch::Tensor part = joined.narrow(1, first, map.size(1));
+    if (map.size(2) == height && map.size(3) == width) {
+      part.copy_(map);
+    } else {
+      ForwardInto(map, part);
+    }
+    first += map.size(1);
+  }
+  return joined;
 }
 
 }  // namespace holdfast

@@ -6,7 +6,9 @@
 #include <torch/utils.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <vector>
 
 #include "tests/support/gradient_check.h"
 
@@ -137,6 +139,26 @@ TEST(ResizeTest, SizesWithoutPixelsAreRefused) {
   EXPECT_THROW(ResizeBilinear(torch::zeros({1, 3, 0, 4}), 2, 2), c10::Error);
   EXPECT_THROW(ResizeBilinear(torch::zeros({1, 3, 4, 4}), 0, 2), c10::Error);
   EXPECT_THROW(ResizeBilinear(torch::zeros({3, 4, 4}), 2, 2), c10::Error);
+}
+
+TEST(ResizeAndJoinTest, GivesWhatJoiningTheResizedMapsGives) {
+  torch::manual_seed(4);
+  for (const torch::ScalarType dtype : {torch::kFloat32, torch::kBFloat16}) {
+    std::vector<torch::Tensor> maps;
+    std::vector<torch::Tensor> resized;
+    for (const auto& [channels, height, width] : {std::array<int64_t, 3>{5, 12, 20}, {16, 6, 10}, {9, 3, 5}}) {
+      maps.push_back(
+          torch::randn({2, channels, height, width}).to(dtype).contiguous(torch::MemoryFormat::ChannelsLast));
+      resized.push_back(ResizeBilinear(maps.back(), 6, 10));
+    }
+    {
+      const torch::NoGradGuard no_grad;
+      EXPECT_TRUE(torch::equal(ResizeAndJoin(maps, 6, 10), torch::cat(resized, 1)));
+    }
+    maps[1].requires_grad_();
+    EXPECT_TRUE(torch::equal(ResizeAndJoin(maps, 6, 10), torch::cat(resized, 1)));
+    EXPECT_TRUE(ResizeAndJoin(maps, 6, 10).requires_grad());
+  }
 }
 
 }  // namespace
