@@ -24,21 +24,45 @@ HOLDFAST_INLINE int64_t PanelChannels(int64_t out_channels) {
 
 HOLDFAST_INLINE int64_t Depth(const ConvolutionMaps& m) { return m.kernel_height * m.kernel_width * m.channels; }
 
+// A square of four rows, 'step' floats apart, becomes one of four columns.
+HOLDFAST_INLINE void TransposeSquare(const float* from, int64_t step, float* to, int64_t to_step) {
+  const Lanes<4> a = Load<4>(from), b = Load<4>(from + step), c = Load<4>(from + 2 * step),
+                 d = Load<4>(from + 3 * step);
+  const Lanes<4> ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+  const Lanes<4> ab2 = __builtin_shufflevector(a, b, 2, 6, 3, 7), cd2 = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+  Store(__builtin_shufflevector(ab, cd, 0, 1, 4, 5), to);
+  Store(__builtin_shufflevector(ab, cd, 2, 3, 6, 7), to + to_step);
+  Store(__builtin_shufflevector(ab2, cd2, 0, 1, 4, 5), to + 2 * to_step);
+  Store(__builtin_shufflevector(ab2, cd2, 2, 3, 6, 7), to + 3 * to_step);
+}
+
+// to[k, o] = from[o, k] for k below 'depth' and o below 'used', which leaves the rest of a row of 'panel' alone.
+HOLDFAST_INLINE void Transpose(const float* from, int64_t depth, int64_t used, float* to, int64_t panel) {
+  constexpr int64_t kBlock = 64;  // so much of a row is read at once
+  const int64_t squares = used / 4 * 4, whole = depth / 4 * 4;
+  for (int64_t first = 0; first < whole; first += kBlock) {
+    for (int64_t o = 0; o < squares; o += 4) {
+      for (int64_t k = first; k < std::min(first + kBlock, whole); k += 4) {
+        TransposeSquare(from + o * depth + k, depth, to + k * panel + o, panel);
+      }
+    }
+  }
+  for (int64_t o = 0; o < used; ++o) {
+    for (int64_t k = o < squares ? whole : 0; k < depth; ++k) to[k * panel + o] = from[o * depth + k];
+  }
+}
+
 // Panel after panel: the bias, then for each of the Depth inputs the weights of its channels.
 template <int64_t kWidth>
 HOLDFAST_INLINE void Pack(const ConvolutionMaps& m) {
   const int64_t panel = PanelChannels<kWidth>(m.out_channels);
   const int64_t depth = Depth(m);
   float* to = m.packed;
-  for (int64_t first = 0; first < m.out_channels; first += panel) {
+  for (int64_t first = 0; first < m.out_channels; first += panel, to += (depth + 1) * panel) {
     const int64_t used = std::min(panel, m.out_channels - first);
-    std::fill_n(to, (depth + 1) * panel, 0.0f);
-    for (int64_t o = 0; o < used && m.bias != nullptr; ++o) to[o] = m.bias[first + o];
-    to += panel;
-    const float* from = m.weights + first * depth;
-    for (int64_t k = 0; k < depth; ++k, to += panel) {
-      for (int64_t o = 0; o < used; ++o) to[o] = from[o * depth + k];
-    }
+    if (used < panel) std::fill_n(to, (depth + 1) * panel, 0.0f);
+    for (int64_t o = 0; o < used; ++o) to[o] = m.bias == nullptr ? 0.0f : m.bias[first + o];
+    Transpose(m.weights + first * depth, depth, used, to + panel, panel);
   }
 }
 
