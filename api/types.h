@@ -45,12 +45,13 @@ using ObjectId = uint32_t;
 
 // "Follow what this covers in this frame": a mask or a polygon. The tracker chooses points on it and follows them as a
 // group. Their ids are ObjectPointId(id, 0), ObjectPointId(id, 1)...; a session that has objects gives no others of
-// those.
+// those. Each has a place of its own on the object: where one has left it, another one may be placed (see ObjectPlace).
 struct ObjectQuery {
   ObjectId id = 0;
   std::string mask_png;        // of the frame's size; what is not zero in any channel is the object; or
   std::vector<Pixel> polygon;  // its corners in order, inside the frame
   int points = 0;              // to be placed, at most kMaxObjectPoints; 0: 64. Small objects get fewer
+  bool reseed = true;          // points that have left are placed anew while the object is in sight
 };
 
 constexpr PointId ObjectPointId(ObjectId object, uint32_t index) {
@@ -58,6 +59,14 @@ constexpr PointId ObjectPointId(ObjectId object, uint32_t index) {
 }
 constexpr bool IsObjectPoint(PointId id) { return id >> 63 != 0; }
 constexpr ObjectId ObjectOf(PointId object_point) { return static_cast<ObjectId>(object_point >> 32 & 0x7FFFFFFF); }
+constexpr uint32_t ObjectPointIndex(PointId object_point) { return static_cast<uint32_t>(object_point); }
+// The id of the first point at this one's place: indices that are the same modulo kMaxObjectPoints share a place.
+constexpr PointId ObjectPlace(PointId object_point) {
+  return ObjectPointId(ObjectOf(object_point), ObjectPointIndex(object_point) % kMaxObjectPoints);
+}
+// The id of the point that is placed where this one was.
+constexpr PointId ObjectSuccessor(PointId object_point) { return object_point + kMaxObjectPoints; }
+constexpr bool IsPlacedAnew(PointId object_point) { return ObjectPointIndex(object_point) >= kMaxObjectPoints; }
 
 enum class Emit {
   kWindows,     // estimates come when a window has run
@@ -124,6 +133,9 @@ struct ObjectSample {
   float visible = 0;           // share of the points that it still has which are visible
   std::vector<Pixel> outline;  // convex, at most kMaxOutlineCorners corners
   std::vector<PointId> left;   // its points that do not move with it any more, ascending
+  // Its points that were placed anew, at the frame before this one, ascending. Of each the one whose place it has taken
+  // ends within a window, and until then is among 'left'.
+  std::vector<PointId> joined;
 };
 
 // An object on consecutive frames first_frame .. first_frame + samples.size() - 1.

@@ -52,6 +52,7 @@ ObjectQuery ObjectFromProto(const v1::Object& object, const std::string& field, 
   out.id = object.id();
   if (object.has_polygon()) PolygonFromProto(object.polygon(), absl::StrCat(field, ".polygon"), out, violations);
   out.mask_png = object.mask_png();
+  out.reseed = !object.has_reseed() || object.reseed();
   return out;
 }
 
@@ -62,6 +63,7 @@ void ObjectsToProto(const std::vector<ObjectQuery>& objects, ObjectMessages* out
     v1::Object* added = out->Add();
     added->set_id(object.id);
     added->set_points(static_cast<uint32_t>(object.points));
+    if (!object.reseed) added->set_reseed(false);
     if (!object.mask_png.empty()) added->set_mask_png(object.mask_png);
     for (const Pixel& corner : object.polygon) {
       added->mutable_polygon()->add_x(corner.x);
@@ -95,6 +97,7 @@ void ObjectRunToProto(const ObjectRun& run, v1::ObjectRun* out) {
       added->add_outline_y(corner.y);
     }
     added->mutable_left()->Add(sample.left.begin(), sample.left.end());
+    added->mutable_joined()->Add(sample.joined.begin(), sample.joined.end());
   }
   out->set_final_count(static_cast<uint32_t>(run.final_count));
 }
@@ -115,6 +118,7 @@ absl::StatusOr<ObjectRun> ObjectRunFromProto(const v1::ObjectRun& run) {
       added.outline.push_back({sample.outline_x(i), sample.outline_y(i)});
     }
     added.left.assign(sample.left().begin(), sample.left().end());
+    added.joined.assign(sample.joined().begin(), sample.joined().end());
   }
   if (!good) return absl::InternalError(absl::StrCat("the server sent a malformed run of object ", run.id()));
   return out;

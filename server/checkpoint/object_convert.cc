@@ -28,9 +28,11 @@ bool AreFinite(const Repeated& values) {
   return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
 }
 
-void MemberToProto(const ObjectMember& member, const ObjectJudgement::Standing& standing, v1::ObjectMember* out) {
+void MemberToProto(const ObjectMember& member, const ObjectJudgement::Standing& standing, int64_t object_queried,
+                   v1::ObjectMember* out) {
   out->set_point_id(member.id);
   PlaceToProto(member.home.x, member.home.y, out->mutable_home());
+  if (member.queried != object_queried) out->set_queried(member.queried);
   if (member.end != ObjectMember::kNever) out->set_end(member.end);
   out->set_left(standing.left);
   out->set_contrary(static_cast<uint32_t>(standing.contrary));
@@ -42,7 +44,7 @@ void MemberToProto(const ObjectMember& member, const ObjectJudgement::Standing& 
   }
 }
 
-absl::string_view FaultOfMember(const v1::ObjectMember& member) {
+absl::string_view FaultOfMember(const v1::ObjectMember& member, const v1::Object& object) {
   const int count = member.sample_x_size();
   if (!HasFinite(member.home())) return "its place is not finite";
   if (member.sample_y_size() != count || member.sample_visible_size() != count) {
@@ -53,13 +55,17 @@ absl::string_view FaultOfMember(const v1::ObjectMember& member) {
   if (!is_frame(member.final_before()) || (member.has_end() && !is_frame(member.end()))) {
     return "its last frames are out of range";
   }
+  if (member.has_queried() && (member.queried() < object.query_frame() || member.queried() >= object.next())) {
+    return "its first frame is out of range";
+  }
   return member.contrary() > kMaxContrary ? "its contrary frames are too many" : kNoFault;
 }
 
-ObjectMember MemberFromProto(const v1::ObjectMember& member) {
+ObjectMember MemberFromProto(const v1::ObjectMember& member, int64_t object_queried) {
   ObjectMember out;
   out.id = member.point_id();
   out.home = {member.home().x(), member.home().y()};
+  out.queried = member.has_queried() ? member.queried() : object_queried;
   if (member.has_end()) out.end = member.end();
   out.final_before = member.final_before();
   for (int i = 0; i < member.sample_x_size(); ++i) {
@@ -84,12 +90,13 @@ void ObjectToProto(const ObjectState& state, checkpoint::v1::Object* out) {
   const ObjectShape& shape = state.shape;
   PlaceToProto(shape.centre.x, shape.centre.y, out->mutable_centre());
   out->set_size(shape.size);
+  out->set_reseeds(state.reseeds);
   for (const Pixel& corner : shape.outline) {
     out->add_outline_x(corner.x);
     out->add_outline_y(corner.y);
   }
   for (size_t i = 0; i < state.members.size(); ++i) {
-    MemberToProto(state.members[i], state.judgement.standings[i], out->add_members());
+    MemberToProto(state.members[i], state.judgement.standings[i], state.query_frame, out->add_members());
   }
   out->set_next(state.next);
   out->set_motion_a(state.judgement.motion.a);
@@ -113,9 +120,9 @@ absl::string_view FaultOfObject(const checkpoint::v1::Object& object) {
   for (const double value : {object.motion_a(), object.motion_b(), object.motion_tx(), object.motion_ty()}) {
     if (!std::isfinite(value)) return "its motion is not finite";
   }
-  if (object.members_size() < 1 || object.members_size() > kMaxObjectPoints) return "it has no points, or too many";
+  if (object.members_size() < 1 || object.members_size() > kMaxObjectMembers) return "it has no points, or too many";
   for (const checkpoint::v1::ObjectMember& member : object.members()) {
-    if (const absl::string_view fault = FaultOfMember(member); fault != kNoFault) return fault;
+    if (const absl::string_view fault = FaultOfMember(member, object); fault != kNoFault) return fault;
     if (!IsObjectPoint(member.point_id()) || ObjectOf(member.point_id()) != object.id()) {
       return "one of its points is none";
     }
@@ -128,10 +135,11 @@ ObjectState ObjectFromProto(const checkpoint::v1::Object& object) {
   out.id = object.id();
   out.query_frame = object.query_frame();
   out.shape = ShapeFromProto(object);
+  out.reseeds = object.reseeds();
   out.next = object.next();
   out.judgement.motion = {object.motion_a(), object.motion_b(), object.motion_tx(), object.motion_ty()};
   for (const checkpoint::v1::ObjectMember& member : object.members()) {
-    out.members.push_back(MemberFromProto(member));
+    out.members.push_back(MemberFromProto(member, out.query_frame));
     out.judgement.standings.push_back({member.left(), static_cast<int>(member.contrary())});
   }
   return out;

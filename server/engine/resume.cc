@@ -71,7 +71,7 @@ bool IsPossible(const TrackState& track, const WindowOptions& windows, const Ses
 // The frames that an object still waits for are those that its points will be reported on.
 bool IsPossible(const ObjectState& object, const SessionState& state) {
   const int64_t members = static_cast<int64_t>(object.members.size());
-  return object.id <= kMaxObjectId && members <= kMaxObjectPoints &&
+  return object.id <= kMaxObjectId && members <= kMaxObjectMembers &&
          object.judgement.standings.size() == object.members.size() && object.query_frame < state.taken_frame &&
          object.next >= object.query_frame && object.next <= state.taken_frame + 1;
 }
@@ -129,7 +129,9 @@ SessionInbox::Options::Resumed ResumedInbox(const SessionState& state) {
   resumed.next_serial = state.next_serial;
   resumed.objects = !state.objects.empty();
   for (const SessionState::Track& track : state.tracks) {
-    if (!track.state.ending) resumed.ids.insert(track.state.seed.query.id);
+    if (track.state.ending) continue;
+    const PointId id = track.state.seed.query.id;
+    resumed.ids.insert(resumed.objects && IsObjectPoint(id) ? ObjectPlace(id) : id);
   }
   return resumed;
 }

@@ -84,7 +84,7 @@ bool Scheduler::TakeTurn() {
   });
   int64_t cached = 0;
   for (const auto& session : sessions_) {
-    RunFor({session.get()}, [&] { busy = session->FinishTurn() || busy; });
+    RunFor({session.get()}, [&] { busy = session->FinishTurn(model_) || busy; });
     cached += session->CachedBytes();
   }
   metrics_.CacheBytes(cached);

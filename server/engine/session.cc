@@ -60,7 +60,7 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
       flow_(MakeFlow(options)),
       polish_(options.accepted.polish ? std::make_unique<SessionPolish>(*flow_) : nullptr),
       latency_(metrics),
-      objects_(options.provisional),
+      objects_(options.provisional, {options.windows.frames, options.windows.revise_last ? 0 : options.windows.hop}),
       ticket_(std::move(ticket)),
       tracks_(options.windows, options.provisional, options.confidence) {}
 
@@ -132,7 +132,7 @@ absl::Status Session::PlaceObjects(int64_t index, absl::Span<const WaitingObject
     if (!placed.ok()) return placed.status();
     {
       absl::MutexLock lock(&emit_mutex_);
-      objects_.Add(ObjectGroup(object.query.id, index, placed->shape, placed->points));
+      objects_.Add(object.query, index, placed->shape, placed->points);
     }
     inbox_.PlaceObject(object.query.id, index, placed->points);
   }
@@ -232,8 +232,7 @@ void Session::ApplyOps(TrackerModel& model) {
   }
   for (size_t i = 0; i < ops.size();) {
     if (ops[i].kind == PointOp::Kind::kRemove) {
-      tracks_.Remove(ops[i].query.id, ops[i].frame);
-      RemoveFromObject(ops[i]);
+      Remove(ops[i]);
       ++i;
       continue;
     }
@@ -246,9 +245,74 @@ void Session::ApplyOps(TrackerModel& model) {
   CountPoints(before);
 }
 
-void Session::RemoveFromObject(const PointOp& removal) {
+void Session::Remove(const PointOp& removal) {
+  std::vector<PointId> points;
+  {
+    absl::MutexLock lock(&emit_mutex_);
+    points = objects_.Remove(removal.query.id, removal.frame);
+  }
+  for (const PointId id : points) {
+    tracks_.Remove(id, removal.frame);
+    // Of a point that was placed anew the flow was told another id.
+    if (flow_ != nullptr && id != removal.query.id) {
+      flow_->Apply({{PointOp::Kind::kRemove, removal.frame, {id}}});
+    }
+  }
+}
+
+bool Session::ReseedObjects(TrackerModel& model) {
+  const int64_t before = tracks_.tracks();
+  bool any = false;
+  {
+    absl::MutexLock lock(&emit_mutex_);
+    while (ObjectGroup* group = objects_.AnyReseeding()) {
+      Reseed(*group, model);
+      any = true;
+    }
+  }
+  if (!any) return false;
+  CountPoints(before);
+  SubmitFlow();
+  return true;
+}
+
+bool Session::AnyMeeting() {
   absl::MutexLock lock(&emit_mutex_);
-  objects_.Remove(removal.query.id, removal.frame);
+  return objects_.AnyMeeting();
+}
+
+void Session::Reseed(ObjectGroup& group, TrackerModel& model) {
+  const Reseeding& reseeding = *group.reseeding();
+  const int64_t frame = reseeding.frame, stop = group.covered_at_meeting() + 1;
+  // A session that was resumed with an impossible object may not have the frame.
+  const FeatureCache& cache = tracks_.cache();
+  const bool there = frame >= cache.oldest() && frame <= cache.newest();
+  std::vector<Pixel> places;
+  if (there) places = PlaceAnew(reseeding, PictureOf(frame), inbox_.frame_size());
+  uint64_t serial = inbox_.TakeSerials(static_cast<int64_t>(places.size()));
+  std::vector<PointOp> seeds, removals;
+  for (const ObjectGroup::Reseeded& made : group.Reseed(places)) {
+    seeds.push_back({PointOp::Kind::kSeed, frame, made.point, serial++, 1});
+    if (tracks_.Stop(made.before, made.before_queried, stop)) {
+      removals.push_back({PointOp::Kind::kRemove, stop - 1, {made.before}});
+    }
+    if (made.removed_after) removals.push_back({PointOp::Kind::kRemove, *made.removed_after, {made.point.id}});
+  }
+  if (seeds.empty()) return;
+  summary_.points += static_cast<int64_t>(seeds.size());
+  Seed(seeds, model);
+  for (const PointOp& removal : removals) tracks_.Remove(removal.query.id, removal.frame);
+  if (flow_ == nullptr) return;
+  flow_->Apply(seeds);
+  flow_->Apply(removals);
+}
+
+GrayImage Session::PictureOf(int64_t frame) const {
+  if (flow_ != nullptr) {
+    if (const FlowPyramidPtr pyramid = flow_->PictureOf(frame)) return pyramid->picture();
+  }
+  const ImageSize size = flow_size();
+  return {size, std::vector<uint8_t>(static_cast<size_t>(Pixels(size)))};
 }
 
 void Session::Seed(absl::Span<const PointOp> ops, TrackerModel& model) {
@@ -271,6 +335,15 @@ std::vector<DueRow> Session::DueRows() const {
   // Who resumes a session that is suspended says how it ends.
   const bool ended = inbox_.drained() && !inbox_.suspended() && !CatchingUp();
   std::vector<DueRow> rows = tracks_.Due(ended);
+  {
+    absl::MutexLock lock(&emit_mutex_);
+    rows.erase(std::remove_if(rows.begin(), rows.end(),
+                              [this](const DueRow& row) {
+                                emit_mutex_.AssertHeld();
+                                return objects_.Holds(row.track->id(), row.track->oldest_frame_needed());
+                              }),
+               rows.end());
+  }
   if (!options_.accepted.motion_prior) return rows;
   rows.erase(std::remove_if(rows.begin(), rows.end(),
                             [this](const DueRow& row) { return !flow_->Reaches(row.track->serial(), row.plan.last); }),
@@ -335,6 +408,7 @@ void Session::Deliver(std::vector<PointRun> runs, absl::Span<const TrackSet::Dro
   for (const PointRun& run : runs) summary_.final_samples += run.final_count;
   absl::MutexLock lock(&emit_mutex_);
   for (const TrackSet::Dropped& track : ended) objects_.Close(track.id, track.frame);
+  objects_.Reach(tracks_.cache().newest());
   EmitLocked(std::move(runs));
 }
 
@@ -400,7 +474,12 @@ void Session::EndTracks() {
 }
 
 void Session::Evict() {
-  tracks_.Evict();
+  int64_t keep;
+  {
+    absl::MutexLock lock(&emit_mutex_);
+    keep = objects_.oldest_meeting();
+  }
+  tracks_.Evict(keep);
   if (flow_ != nullptr) flow_->EvictBefore(std::min(tracks_.cache().oldest(), tracks_.oldest_for_polish()));
   const int64_t reported = tracks_.reported_before();
   latency_.Final(reported, clock_.SteadyNow());
@@ -414,19 +493,20 @@ absl::Status Session::FlowFailure() {
 
 int64_t Session::CachedBytes() const { return tracks_.cache().bytes() + (flow_ == nullptr ? 0 : flow_->bytes()); }
 
-bool Session::FinishTurn() {
+bool Session::FinishTurn(TrackerModel& model) {
   if (closed_) return false;
   if (const absl::Status ended = inbox_.cancelled() ? inbox_.end_status() : FlowFailure(); !ended.ok()) {
     Close(ended);
     return false;
   }
-  const bool polished = FinishPolish();
+  bool busy = FinishPolish();
   if (CatchingUp() && !inbox_.suspended()) {
     Evict();
     if (inbox_.drained()) Close(EndedTooEarly());
-    return polished;
+    return busy;
   }
   if (!CatchingUp()) EndTracks();
+  busy = ReseedObjects(model) || busy;
   if (inbox_.suspended()) {
     Suspend();
     return false;
@@ -435,10 +515,11 @@ bool Session::FinishTurn() {
   TellProgress();
   Evict();
   StartCheckpoint();
-  if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return polished;
+  if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return busy;
+  if (tracks_.AnyUnpolished() && AnyMeeting()) return busy;  // the last windows may be those of points to come
   tracks_.FinalizeAll();
   StartPolish();
-  if (tracks_.AnyUnpolished()) return polished;
+  if (tracks_.AnyUnpolished()) return busy;
   const int64_t left = tracks_.tracks();
   std::vector<PointRun> last = tracks_.FinishAll();
   if (flow_ != nullptr) flow_->Close();  // no instant estimate may follow final ones

@@ -98,9 +98,10 @@ class Session : public std::enable_shared_from_this<Session> {
   // The rows' results, in order, are at 'estimates'.
   void Apply(absl::Span<const DueRow> rows, RowEstimate* estimates);
   int64_t CachedBytes() const;
-  // Takes over what was polished, ends tracks, forgets frames, and ends the session when it is cancelled or has nothing
-  // left to do. True: polish is done, so there may be room for frames that nobody will report.
-  bool FinishTurn();
+  // Takes over what was polished, ends tracks, places points of objects anew, forgets frames, and ends the session when
+  // it is cancelled or has nothing left to do. True: there may be room for frames that nobody will report, or windows
+  // that have waited.
+  bool FinishTurn(TrackerModel& model);
   // All that it takes to go on elsewhere, as before what was said about points at the newest frame, which comes again.
   // REQUIRES: that frame is not the first, whose points came with the configuration.
   SessionState State() ABSL_LOCKS_EXCLUDED(emit_mutex_);
@@ -160,7 +161,13 @@ class Session : public std::enable_shared_from_this<Session> {
   void Evict();
   absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
   void Seed(absl::Span<const PointOp> ops, TrackerModel& model);
-  void RemoveFromObject(const PointOp& removal) ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  void Remove(const PointOp& removal) ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  // Places points anew where objects have lost some by their final word. True: there were such objects.
+  bool ReseedObjects(TrackerModel& model) ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  bool AnyMeeting() ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  void Reseed(ObjectGroup& group, TrackerModel& model) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
+  // The frame in grey; plain grey where nothing keeps pictures.
+  GrayImage PictureOf(int64_t frame) const;
   void CountPoints(int64_t before);
 
   const Options options_;
@@ -179,7 +186,7 @@ class Session : public std::enable_shared_from_this<Session> {
   std::atomic<int64_t> frames_processed_{0};
 
   // Held in every call of the listener, so that they come one at a time.
-  absl::Mutex emit_mutex_;
+  mutable absl::Mutex emit_mutex_;
   bool told_done_ ABSL_GUARDED_BY(emit_mutex_) = false;
   int64_t told_processed_ ABSL_GUARDED_BY(emit_mutex_) = 0;  // frames_processed of the newest update
   SessionObjects objects_ ABSL_GUARDED_BY(emit_mutex_);

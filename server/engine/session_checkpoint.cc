@@ -30,7 +30,7 @@ void Session::Resume(SessionState state) {
   CountPoints(0);
   absl::MutexLock lock(&emit_mutex_);
   told_processed_ = frames_processed_;
-  for (ObjectState& object : state.objects) objects_.Add(ObjectGroup(std::move(object)));
+  for (ObjectState& object : state.objects) objects_.Restore(std::move(object));
 }
 
 void Session::RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patch) {
@@ -61,15 +61,15 @@ SessionState Session::State() {
   state.next_serial = inbox_.next_serial();
   state.summary = summary_;
   if (newest_seeds_.frame == state.taken_frame) state.summary.points -= newest_seeds_.count;
+  absl::MutexLock lock(&emit_mutex_);
   for (const auto& track : tracks_.all()) {
-    if (track->seed().frame == state.taken_frame) continue;
+    if (track->seed().frame == state.taken_frame && !objects_.WasPlacedAnew(track->id(), state.taken_frame)) continue;
     SessionState::Track& saved = state.tracks.emplace_back();
     saved.state = track->state();
     if (saved.state.ending && saved.state.ending->last_frame == state.taken_frame) saved.state.ending.reset();
     if (flow_ == nullptr) continue;
     if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = {patch->at, patch->code};
   }
-  absl::MutexLock lock(&emit_mutex_);
   state.objects = objects_.StatesBefore(state.taken_frame);
   return state;
 }

@@ -260,6 +260,11 @@ std::shared_ptr<const FlowPatch> SessionFlow::PatchOf(uint64_t serial) const {
   return {std::move(patch), &cut};
 }
 
+FlowPyramidPtr SessionFlow::PictureOf(int64_t frame) const {
+  absl::MutexLock lock(&mutex_);
+  return frame >= oldest_ && frame < without_gap_ && !pyramids_.empty() ? pyramids_[frame - oldest_] : nullptr;
+}
+
 std::vector<FlowPyramidPtr> SessionFlow::Pyramids(int64_t first, int64_t last) const {
   absl::MutexLock lock(&mutex_);
   std::vector<FlowPyramidPtr> pyramids;

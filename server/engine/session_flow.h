@@ -92,6 +92,8 @@ class SessionFlow {
   // The chain after the frame it begins at, up to 'last'. REQUIRES: Reaches(serial, last).
   std::vector<Position> Starts(uint64_t serial, int64_t last) const ABSL_LOCKS_EXCLUDED(mutex_);
   std::shared_ptr<const FlowPatch> PatchOf(uint64_t serial) const ABSL_LOCKS_EXCLUDED(mutex_);
+  // Null where it is not kept.
+  FlowPyramidPtr PictureOf(int64_t frame) const ABSL_LOCKS_EXCLUDED(mutex_);
   // first .. last.
   std::vector<FlowPyramidPtr> Pyramids(int64_t first, int64_t last) const ABSL_LOCKS_EXCLUDED(mutex_);
   void Drop(uint64_t serial) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -273,11 +273,14 @@ ObjectQuery Drawn() { return {kMaxObjectId, "", {{1, 2}, {3.5F, 4}, {5, 6}}, 0};
 TEST(ConvertTest, ObjectsSurviveTheRoundTrip) {
   SessionConfig config;
   config.objects = {Masked(), Drawn()};
+  config.objects[1].reseed = false;
   const absl::StatusOr<SessionConfig> back = FromProto(ToProto(config));
   ASSERT_THAT(back, IsOk());
   ASSERT_THAT(back->objects, SizeIs(2));
   EXPECT_EQ(back->objects[0].mask_png, "png");
   EXPECT_EQ(back->objects[0].points, 48);
+  EXPECT_TRUE(back->objects[0].reseed);
+  EXPECT_FALSE(back->objects[1].reseed);
   EXPECT_EQ(back->objects[1].id, kMaxObjectId);
   ASSERT_THAT(back->objects[1].polygon, SizeIs(3));
   EXPECT_EQ(back->objects[1].polygon[1].x, 3.5F);
@@ -310,7 +313,13 @@ TEST(ConvertTest, ObjectsThatAreTooLargeToLookAtAreNamed) {
 }
 
 TEST(ConvertTest, WhatIsSaidOfObjectsSurvivesTheRoundTrip) {
-  ObjectSample sample{{1, 2}, 1.5F, -0.25F, 0.75F, {{0, 0}, {4, 0}, {4, 4}}, {ObjectPointId(7, 3)}};
+  ObjectSample sample{{1, 2},
+                      1.5F,
+                      -0.25F,
+                      0.75F,
+                      {{0, 0}, {4, 0}, {4, 4}},
+                      {ObjectPointId(7, 3)},
+                      {ObjectPointId(7, 258), ObjectPointId(7, 259)}};
   TrackUpdate update;
   update.objects = {{7, 12, {sample, sample}, 1}};
   v1::Tracks message = ToProto(update);
@@ -324,6 +333,7 @@ TEST(ConvertTest, WhatIsSaidOfObjectsSurvivesTheRoundTrip) {
   EXPECT_EQ(second.rotation, -0.25F);
   EXPECT_EQ(second.outline[2].y, 4);
   EXPECT_THAT(second.left, ElementsAre(ObjectPointId(7, 3)));
+  EXPECT_THAT(second.joined, ElementsAre(ObjectPointId(7, 258), ObjectPointId(7, 259)));
   message.mutable_objects(0)->set_final_count(3);
   EXPECT_THAT(FromProto(message), StatusIs(absl::StatusCode::kInternal, HasSubstr("object 7")));
   message = ToProto(update);

@@ -35,7 +35,8 @@ using FinalObject = std::map<int64_t, ObjectSample>;
 inline bool SameObjectSamples(const ObjectSample& a, const ObjectSample& b) {
   const auto same = [](Pixel p, Pixel q) { return p.x == q.x && p.y == q.y; };
   return same(a.centre, b.centre) && a.scale == b.scale && a.rotation == b.rotation && a.visible == b.visible &&
-         a.left == b.left && std::equal(a.outline.begin(), a.outline.end(), b.outline.begin(), b.outline.end(), same);
+         a.left == b.left && a.joined == b.joined &&
+         std::equal(a.outline.begin(), a.outline.end(), b.outline.begin(), b.outline.end(), same);
 }
 
 // Updates, and how the session ended. Checks that runs are well-formed and that a point's runs follow each other:
@@ -94,6 +95,10 @@ class UpdateRecorder {
     absl::MutexLock lock(&mutex_);
     const auto it = finals_.find(id);
     return it == finals_.end() ? FinalTrack() : it->second;
+  }
+  std::map<PointId, FinalTrack> Finals() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    return finals_;
   }
   FinalObject FinalOfObject(ObjectId id) const ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);

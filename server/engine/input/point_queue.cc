@@ -149,8 +149,13 @@ void PointQueue::Erase(Place place) {
   --at_frame_;
 }
 
+PointId PointQueue::Counted(PointId id) const {
+  return IsObjectPoint(id) && objects_.contains(ObjectOf(id)) ? ObjectPlace(id) : id;
+}
+
 void PointQueue::Remove(const std::vector<PointId>& ids) {
-  for (const PointId id : ids) {
+  for (const PointId said : ids) {
+    const PointId id = Counted(said);
     if (!ids_.contains(id)) continue;
     Forget(id);
     waiting_.push_back({{PointOp::Kind::kRemove, frame_, {id}}, {}, 0});

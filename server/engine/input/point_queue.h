@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <list>
+#include <utility>
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
@@ -29,7 +30,8 @@ struct PointOp {
 // what waits of its id at its frame: the seed before it, whose track would have ended where it began, and the removal
 // of that. Other changes that a client might pile up at one frame are refused above a bound, so that no stream makes
 // the queue longer than that bound for each frame that waits. Points of objects are seeded before it is known where: no
-// seed may be taken before its object was placed. Not thread-safe.
+// seed may be taken before its object was placed. They count by their places: who stands there, the first one or one
+// that was placed anew, matters to nobody here. Not thread-safe.
 class PointQueue {
  public:
   explicit PointQueue(int max_points);
@@ -38,6 +40,8 @@ class PointQueue {
   // numbers begin here. REQUIRES: the queue is new.
   void Resume(absl::flat_hash_set<PointId> ids, bool objects, uint64_t next_serial);
   uint64_t next_serial() const { return serial_; }
+  // The first of so many that no seed of the stream will have.
+  uint64_t TakeSerials(int64_t count) { return std::exchange(serial_, serial_ + static_cast<uint64_t>(count)); }
 
   // Whether seeds at 'frame', the newest or the one to come, are within the limits: RESOURCE_EXHAUSTED says which one
   // they exceed, 'list' the field.
@@ -57,7 +61,7 @@ class PointQueue {
   void SeedObject(const ObjectQuery& object);
   // Where the first points of an object are that was seeded at 'frame'; the others are not seeded after all.
   void PlaceObject(ObjectId object, int64_t frame, const std::vector<PointQuery>& points);
-  // Ids without a point are ignored.
+  // Ids without a point are ignored; that of any point of an object means its place.
   void Remove(const std::vector<PointId>& ids);
 
   // Adds the seeds that lie outside a frame of this size, by the names that they came with.
@@ -84,6 +88,8 @@ class PointQueue {
   // So many of 'points' have ids that are not in use.
   int64_t CountFresh(const std::vector<PointQuery>& points) const;
   absl::Status CheckRoom(absl::string_view list, int64_t more, int64_t frame) const;
+  // The id that a point is counted by.
+  PointId Counted(PointId id) const;
   // The number of seeds that the removed ones stood for.
   int64_t ForgetReplaced(PointId id);
   void Erase(Place place);

@@ -285,6 +285,11 @@ int64_t SessionInbox::frames_received() const {
   return options_.resumed ? std::max(received_, options_.resumed->taken + 1) : received_;
 }
 
+uint64_t SessionInbox::TakeSerials(int64_t count) {
+  absl::MutexLock lock(&mutex_);
+  return points_.TakeSerials(count);
+}
+
 uint64_t SessionInbox::next_serial() const {
   absl::MutexLock lock(&mutex_);
   return points_.next_serial();

@@ -105,6 +105,8 @@ class SessionInbox {
   int64_t frames_received() const ABSL_LOCKS_EXCLUDED(mutex_);
   // Frames dropped since the last call.
   int64_t TakeDropped() ABSL_LOCKS_EXCLUDED(mutex_);
+  // The first of so many numbers for points that the session itself adds.
+  uint64_t TakeSerials(int64_t count) ABSL_LOCKS_EXCLUDED(mutex_);
   // Of the next point to be added.
   uint64_t next_serial() const ABSL_LOCKS_EXCLUDED(mutex_);
   // Known from the first frame on.

@@ -120,6 +120,12 @@ FlowPyramid::FlowPyramid(const GrayImage& image)
 
 FlowPyramid::~FlowPyramid() = default;
 
+GrayImage FlowPyramid::picture() const {
+  GrayImage copy{size_, std::vector<uint8_t>(static_cast<size_t>(size_.width) * static_cast<size_t>(size_.height))};
+  levels_->images[0].copyTo(cv::Mat(size_.height, size_.width, CV_8UC1, copy.pixels.data()));
+  return copy;
+}
+
 int64_t FlowPyramid::BytesOf(ImageSize size) {
   int64_t bytes = 0;
   for (int level = 0; level <= kLevels; ++level) {

@@ -39,6 +39,7 @@ class FlowPyramid {
   FlowPyramid& operator=(const FlowPyramid&) = delete;
 
   ImageSize size() const { return size_; }
+  GrayImage picture() const;  // a copy of what it was made of
   int64_t bytes() const { return BytesOf(size_); }
   // Of the pyramid of a picture of this size.
   static int64_t BytesOf(ImageSize size);

@@ -19,8 +19,9 @@ constexpr double kAgree = 0.06;
 constexpr double kAstray = 0.15;
 constexpr double kTimesTypical = 4;  // the median distance of the others
 constexpr double kLeastPixels = 2;
-constexpr int kFramesToLeave = 3;   // in a row that a point lies too far off before it has left
-constexpr int kFramesToReturn = 6;  // in a row that it does not before it is back
+constexpr double kLeastFirst = 0.3;  // of all points: first ones that tell the motion without those that came later
+constexpr int kFramesToLeave = 3;    // in a row that a point lies too far off before it has left
+constexpr int kFramesToReturn = 6;   // in a row that it does not before it is back
 
 // The median distance of the votes from where 'motion' leads.
 double Typical(const std::vector<Displacement>& votes, const Similarity& motion) {
@@ -45,16 +46,26 @@ struct Part {
   ObjectJudgement::Standing& standing;
 };
 
-// Moves on to where the points lead that have not left, and weighs where each of them stands. Too few see the frame, or
-// agree: everything stays.
-void Follow(const std::vector<Part>& parts, double size, Similarity& motion) {
-  std::vector<Displacement> votes;
+// Of the points that are visible and have not left. One that was placed anew knows where the object was from the
+// others: it would only confirm what they have come to, so the first ones have the word while enough of them are there.
+std::vector<Displacement> VotesOf(const std::vector<Part>& parts) {
+  std::vector<Displacement> first, all;
   for (const Part& part : parts) {
-    if (part.sample.visible && !part.standing.left) votes.push_back({part.member.home, part.sample.at});
+    if (!part.sample.visible || part.standing.left) continue;
+    all.push_back({part.member.home, part.sample.at});
+    if (!IsPlacedAnew(part.member.id)) first.push_back(all.back());
   }
+  const bool enough = static_cast<double>(first.size()) >= kLeastFirst * static_cast<double>(parts.size());
+  return enough ? first : all;
+}
+
+// Moves on to where the points lead that have not left, and weighs where each of them stands. False: too few see the
+// frame, or agree, and everything stays.
+bool Follow(const std::vector<Part>& parts, double size, Similarity& motion) {
+  const std::vector<Displacement> votes = VotesOf(parts);
   const double tolerance = std::max(kLeastPixels, kAgree * size * motion.scale());
   const std::optional<Similarity> found = FitSimilarity(votes, tolerance, motion);
-  if (!found) return;
+  if (!found) return false;
   motion = *found;
   const double allowed =
       std::max({kLeastPixels, kAstray * size * motion.scale(), kTimesTypical * Typical(votes, motion)});
@@ -62,6 +73,7 @@ void Follow(const std::vector<Part>& parts, double size, Similarity& motion) {
     if (!part.sample.visible) continue;
     Weigh(part.standing, Distance(motion.Map(part.member.home), part.sample.at) > allowed);
   }
+  return true;
 }
 
 ObjectSample Report(const std::vector<Part>& parts, const ObjectShape& shape, const Similarity& motion) {
@@ -80,10 +92,9 @@ ObjectSample Report(const std::vector<Part>& parts, const ObjectShape& shape, co
     }
   }
   report.visible = has == 0 ? 0 : static_cast<float>(sees) / static_cast<float>(has);
+  std::sort(report.left.begin(), report.left.end());
   return report;
 }
-
-bool TakesPart(const ObjectMember& member, int64_t frame) { return frame < member.end; }
 
 std::optional<ObjectRun> IfAny(ObjectRun run) {
   if (run.samples.empty()) return std::nullopt;
@@ -93,26 +104,34 @@ std::optional<ObjectRun> IfAny(ObjectRun run) {
 }  // namespace
 
 ObjectGroup::ObjectGroup(ObjectId id, int64_t query_frame, const ObjectShape& shape,
-                         absl::Span<const PointQuery> points)
-    : news_from_(query_frame) {
+                         absl::Span<const PointQuery> points, const ObjectWindows& windows)
+    : windows_(windows), news_from_(query_frame) {
   state_.id = id;
   state_.query_frame = state_.next = query_frame;
   state_.shape = shape;
+  state_.reseeds = windows.hop > 0;
   for (const PointQuery& point : points) {
     ObjectMember& member = state_.members.emplace_back();
     member.id = point.id;
     member.home = {point.x, point.y};
+    member.queried = query_frame;
   }
   state_.judgement.standings.resize(points.size());
 }
 
-ObjectState ObjectGroup::state() const {
+ObjectState ObjectGroup::StateBefore(int64_t frame) const {
   ObjectState state = state_;
   for (ObjectMember& member : state.members) {
+    if (member.end == frame + 1 && !member.closed && !HasSuccessor(member)) member.end = ObjectMember::kNever;
     const int64_t finals = std::max<int64_t>(member.final_before - state.next, 0);
     if (finals < static_cast<int64_t>(member.samples.size())) member.samples.resize(static_cast<size_t>(finals));
   }
   return state;
+}
+
+bool ObjectGroup::HasSuccessor(const ObjectMember& member) const {
+  return std::any_of(state_.members.begin(), state_.members.end(),
+                     [&member](const ObjectMember& other) { return other.id == ObjectSuccessor(member.id); });
 }
 
 void ObjectGroup::Add(const PointRun& run) {
@@ -136,9 +155,9 @@ int64_t ObjectGroup::Take(const PointRun& run, ObjectMember& member) const {
   return first;
 }
 
-void ObjectGroup::Close(PointId id) {
+void ObjectGroup::Close(PointId id, int64_t frame) {
   for (ObjectMember& member : state_.members) {
-    if (member.id == id) member.closed = true;
+    if (member.id == id && member.queried == frame) member.closed = true;
   }
 }
 
@@ -148,13 +167,16 @@ void ObjectGroup::EndClosed() {
   }
 }
 
-void ObjectGroup::Remove(PointId id, int64_t frame) {
-  if (frame < query_frame()) return;  // that was of another object's point of this id
+std::vector<PointId> ObjectGroup::Remove(PointId id, int64_t frame) {
+  std::vector<PointId> points;
+  if (frame < query_frame()) return points;  // that was of another object's point of this id
   for (ObjectMember& member : state_.members) {
-    if (member.id != id || member.end <= frame) continue;
+    if (ObjectPlace(member.id) != ObjectPlace(id) || member.end <= frame) continue;
+    points.push_back(member.id);
     member.end = frame + 1;
     news_from_ = std::min(news_from_, std::max(member.end, state_.next));
   }
+  return points;
 }
 
 bool ObjectGroup::ended() const {
@@ -173,46 +195,110 @@ bool ObjectGroup::IsKnown(int64_t frame, bool final) const {
   return any;
 }
 
-std::optional<ObjectRun> ObjectGroup::TakeRun(bool provisional) {
+std::optional<ObjectRun> ObjectGroup::TakeRun(bool provisional, int64_t newest) {
   EndClosed();
   ObjectRun run;
   run.id = id();
   run.first_frame = state_.next;
-  while (IsKnown(state_.next, /*final=*/true)) {
-    run.samples.push_back(Judge(state_.next, state_.judgement));
-    FinishFrame();
-  }
+  while (!reseeding_ && IsKnown(state_.next, /*final=*/true)) run.samples.push_back(Finish(newest));
   run.final_count = static_cast<int64_t>(run.samples.size());
   if (run.final_count > 0) news_from_ = state_.next;
-  if (!provisional || news_from_ == kNoNews) return IfAny(std::move(run));
+  if (!provisional || reseeding_ || news_from_ == kNoNews) return IfAny(std::move(run));
   const int64_t begin = std::min(news_from_, state_.next + static_cast<int64_t>(ahead_.size()));
   if (run.samples.empty()) run.first_frame = begin;
   ahead_.resize(static_cast<size_t>(begin - state_.next));
   for (int64_t frame = begin; IsKnown(frame, /*final=*/false); ++frame) {
     ahead_.push_back(ahead_.empty() ? state_.judgement : ahead_.back());
-    run.samples.push_back(Judge(frame, ahead_.back()));
+    bool told = false;
+    run.samples.push_back(Judge(frame, ahead_.back(), told));
   }
   news_from_ = kNoNews;
   return IfAny(std::move(run));
 }
 
-void ObjectGroup::FinishFrame() {
+ObjectSample ObjectGroup::Finish(int64_t newest) {
+  bool told = false;
+  ObjectSample sample = Judge(state_.next, state_.judgement, told);
+  if (told && state_.next == meeting() && newest >= covered_at_meeting()) {
+    Reseeding found = FindReseeding(state_, covered_at_meeting());
+    if (!found.lost.empty()) reseeding_ = std::move(found);
+  }
   for (ObjectMember& member : state_.members) {
     if (!member.samples.empty()) member.samples.pop_front();
   }
   if (!ahead_.empty()) ahead_.pop_front();
   ++state_.next;
+  return sample;
 }
 
-ObjectSample ObjectGroup::Judge(int64_t frame, ObjectJudgement& judgement) const {
+int64_t ObjectGroup::meeting() const {
+  if (reseeding_) return reseeding_->frame;
+  if (!state_.reseeds || windows_.hop == 0) return ObjectMember::kNever;
+  const int64_t hops = (state_.next - query_frame() + windows_.hop - 1) / windows_.hop;
+  return query_frame() + std::max<int64_t>(hops, 1) * windows_.hop;
+}
+
+int64_t ObjectGroup::covered_at_meeting() const {
+  const int64_t frame = meeting();
+  return frame == ObjectMember::kNever ? frame : frame - windows_.hop + windows_.frames - 1;
+}
+
+std::vector<ObjectGroup::Reseeded> ObjectGroup::Reseed(absl::Span<const Pixel> places) {
+  std::vector<Reseeded> reseeded;
+  const int64_t end = covered_at_meeting() + 1;
+  for (size_t i = 0; i < places.size(); ++i) {
+    const auto lost = std::find_if(state_.members.begin(), state_.members.end(),
+                                   [&](const ObjectMember& member) { return member.id == reseeding_->lost[i]; });
+    ObjectMember member;
+    member.id = ObjectSuccessor(lost->id);
+    member.home = state_.judgement.motion.MapBack(places[i]);
+    member.queried = reseeding_->frame;
+    member.end = std::exchange(lost->end, end);
+    member.final_before = state_.next;
+    Reseeded& made = reseeded.emplace_back();
+    made.point = {member.id, places[i].x, places[i].y};
+    made.before = lost->id;
+    made.before_queried = lost->queried;
+    if (member.end != ObjectMember::kNever) made.removed_after = member.end - 1;
+    state_.members.push_back(std::move(member));
+    state_.judgement.standings.emplace_back();
+  }
+  reseeding_.reset();
+  DropEnded();
+  ahead_.clear();
+  news_from_ = state_.next;
+  return reseeded;
+}
+
+void ObjectGroup::DropEnded() {
+  for (size_t i = state_.members.size(); i-- > 0;) {
+    if (state_.members[i].end > state_.next) continue;
+    state_.members.erase(state_.members.begin() + static_cast<std::ptrdiff_t>(i));
+    state_.judgement.standings.erase(state_.judgement.standings.begin() + static_cast<std::ptrdiff_t>(i));
+  }
+}
+
+bool ObjectGroup::WasPlacedAnew(PointId id, int64_t frame) const {
+  return std::any_of(state_.members.begin(), state_.members.end(), [&](const ObjectMember& member) {
+    return member.id == id && member.queried == frame && frame != query_frame();
+  });
+}
+
+ObjectSample ObjectGroup::Judge(int64_t frame, ObjectJudgement& judgement, bool& told) const {
   std::vector<Part> parts;
   for (size_t i = 0; i < state_.members.size(); ++i) {
     const ObjectMember& member = state_.members[i];
     if (!TakesPart(member, frame)) continue;
     parts.push_back({member, member.samples[static_cast<size_t>(frame - state_.next)], judgement.standings[i]});
   }
-  Follow(parts, state_.shape.size, judgement.motion);
-  return Report(parts, state_.shape, judgement.motion);
+  told = Follow(parts, state_.shape.size, judgement.motion);
+  ObjectSample report = Report(parts, state_.shape, judgement.motion);
+  for (const Part& part : parts) {
+    if (part.member.queried != query_frame() && part.member.queried + 1 == frame)
+      report.joined.push_back(part.member.id);
+  }
+  std::sort(report.joined.begin(), report.joined.end());
+  return report;
 }
 
 }  // namespace holdfast

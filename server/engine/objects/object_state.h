@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include "api/limits.h"
 #include "api/types.h"
 
 namespace holdfast {
@@ -18,6 +19,7 @@ struct Similarity {
   double ty = 0;
 
   Pixel Map(Pixel p) const;
+  Pixel MapBack(Pixel p) const;
   double scale() const;
   double rotation() const;  // radians, from x towards y
 };
@@ -35,7 +37,8 @@ struct ObjectMember {
 
   PointId id = 0;
   Pixel home;            // where it belongs, in pixels of the frame that the object was queried at
-  int64_t end = kNever;  // it was removed: frames from here on are without it
+  int64_t queried = 0;   // that frame; of a point that was placed anew, the frame before the first one it takes part in
+  int64_t end = kNever;  // it was removed, or another took its place: frames from here on are without it
 
   struct Sample {
     Pixel at;
@@ -45,6 +48,9 @@ struct ObjectMember {
   std::deque<Sample> samples;  // from the object's next frame on
   int64_t final_before = 0;    // samples of frames before this one are final
 };
+
+// An object's points, and those whose place another one has taken and that have not ended yet.
+constexpr int kMaxObjectMembers = 2 * kMaxObjectPoints;
 
 // What an object has come to by a frame.
 struct ObjectJudgement {
@@ -61,6 +67,7 @@ struct ObjectState {
   ObjectId id = 0;
   int64_t query_frame = 0;
   ObjectShape shape;
+  bool reseeds = false;  // points that have left are placed anew
   std::vector<ObjectMember> members;
   int64_t next = 0;           // the first frame that is not final
   ObjectJudgement judgement;  // by the frame before it

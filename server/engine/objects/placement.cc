@@ -83,10 +83,12 @@ void TakeRoom(FlowPoint point, std::vector<Candidate>& candidates) {
 
 }  // namespace
 
-std::vector<FlowPoint> PlacePoints(const GrayImage& picture, const GrayImage& mask, int count) {
+std::vector<FlowPoint> PlacePoints(const GrayImage& picture, const GrayImage& mask, int count,
+                                   absl::Span<const FlowPoint> kept) {
   std::vector<Candidate> candidates = Candidates(PictureView(picture), PictureView(mask), count);
   if (candidates.empty()) return {};
   const float full = Median(candidates);
+  for (const FlowPoint& point : kept) TakeRoom(point, candidates);
   const auto worth = [full](const Candidate& c) {
     const float texture = full > 0 ? std::min(c.texture / full, 1.0f) : 0;
     return c.room * (kPlain + (1 - kPlain) * texture);

@@ -85,6 +85,11 @@ Pixel Similarity::Map(Pixel p) const {
   return {static_cast<float>(a * p.x - b * p.y + tx), static_cast<float>(b * p.x + a * p.y + ty)};
 }
 
+Pixel Similarity::MapBack(Pixel p) const {
+  const double x = p.x - tx, y = p.y - ty, square = a * a + b * b;
+  return {static_cast<float>((a * x + b * y) / square), static_cast<float>((a * y - b * x) / square)};
+}
+
 double Similarity::scale() const { return std::hypot(a, b); }
 double Similarity::rotation() const { return std::atan2(b, a); }
 

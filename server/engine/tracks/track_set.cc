@@ -24,6 +24,18 @@ const PointTrack& TrackSet::Restore(TrackState state) {
 
 void TrackSet::Remove(PointId id, int64_t frame) { EndTrack(id, frame, frame + 1); }
 
+bool TrackSet::Stop(PointId id, int64_t query_frame, int64_t stop) {
+  const auto found = std::find_if(tracks_.begin(), tracks_.end(), [&](const auto& track) {
+    return track->id() == id && track->seed().frame == query_frame;
+  });
+  if (found == tracks_.end()) return false;
+  const bool lived = !(*found)->ending();
+  // Before the last frame of any window to come, and before any that the caller may yet speak of.
+  (*found)->End(/*last_frame=*/query_frame, stop);
+  if (lived) live_.erase(id);
+  return lived;
+}
+
 void TrackSet::EndTrack(PointId id, int64_t last_frame, int64_t stop) {
   const auto it = live_.find(id);
   if (it == live_.end()) return;
@@ -153,8 +165,8 @@ int64_t TrackSet::Clear() {
   return dropped;
 }
 
-void TrackSet::Evict() {
-  int64_t needed = cache_.newest() - windows_.frames + 1;
+void TrackSet::Evict(int64_t keep) {
+  int64_t needed = std::min(keep, cache_.newest() - windows_.frames + 1);
   for (const auto& track : tracks_) needed = std::min(needed, track->oldest_frame_needed());
   cache_.EvictBefore(needed);
 }

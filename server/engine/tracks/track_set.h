@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -49,6 +50,9 @@ class TrackSet {
   void Seed(PointSeed seed);
   // The id's track ends after 'frame'. Unknown ids are ignored.
   void Remove(PointId id, int64_t frame);
+  // The track of this id that was queried at 'query_frame' ends with what its windows have made of it, reported before
+  // frame 'stop', whatever end it was to have. Whether it was to have none; unknown tracks are ignored.
+  bool Stop(PointId id, int64_t query_frame, int64_t stop);
 
   // Rows to run, oldest window first; at most one a point. 'ended': no frame will follow.
   std::vector<DueRow> Due(bool ended) const;
@@ -81,8 +85,8 @@ class TrackSet {
   };
   // The tracks that ended since the last call.
   std::vector<Dropped> TakeDropped() { return std::exchange(dropped_, {}); }
-  // Forgets the frames that no window to come needs.
-  void Evict();
+  // Forgets the frames that no window to come needs, but for those from 'keep' on.
+  void Evict(int64_t keep = std::numeric_limits<int64_t>::max());
 
   const FeatureCache& cache() const { return cache_; }
   int64_t tracks() const { return static_cast<int64_t>(tracks_.size()); }

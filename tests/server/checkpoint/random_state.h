@@ -71,12 +71,17 @@ class RandomState {
     ObjectState state;
     state.id = id;
     state.query_frame = 900 + Below(50);
-    state.next = state.query_frame + Below(50);
+    state.next = state.query_frame + 1 + Below(50);
+    state.reseeds = Below(2) == 0;
     state.shape.centre = Place();
     state.shape.size = Uniform(5, 500);
     for (int i = Below(32); i > 0; --i) state.shape.outline.push_back(Place());
     state.judgement.motion = {Uniform(0.5F, 2), Uniform(-1, 1), Uniform(-9, 9), 1.0 / 3};
-    for (uint32_t i = 0; i < 6; ++i) state.members.push_back(Member(ObjectPointId(id, i), state.next));
+    for (uint32_t i = 0; i < 6; ++i) {
+      ObjectMember& member = state.members.emplace_back(Member(ObjectPointId(id, i), state.next));
+      member.queried = state.query_frame;
+      if (Below(3) == 0) member.queried += Below(static_cast<int>(state.next - state.query_frame));
+    }
     for (int i = 0; i < 6; ++i) state.judgement.standings.push_back({Below(2) == 0, Below(4)});
     return state;
   }
@@ -167,11 +172,11 @@ class StateBits {
   void AddObject(const ObjectState& o) {
     const Similarity& motion = o.judgement.motion;
     Add(o.id, o.query_frame, o.next, o.shape.centre, o.shape.size, o.shape.outline.size(), motion.a, motion.b,
-        motion.tx, motion.ty, o.members.size(), o.judgement.standings.size());
+        motion.tx, motion.ty, o.members.size(), o.judgement.standings.size(), o.reseeds);
     for (const Pixel& corner : o.shape.outline) Add(corner);
     for (const ObjectJudgement::Standing& standing : o.judgement.standings) Add(standing.left, standing.contrary);
     for (const ObjectMember& member : o.members) {
-      Add(member.id, member.home, member.end, member.final_before, member.samples.size());
+      Add(member.id, member.home, member.queried, member.end, member.final_before, member.samples.size());
       for (const ObjectMember::Sample& sample : member.samples) Add(sample.at, sample.visible);
     }
   }

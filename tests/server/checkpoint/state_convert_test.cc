@@ -184,6 +184,8 @@ TEST(StateConvertTest, ObjectsThatCannotBeAreRefused) {
       {"is none", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_point_id(5); }},
       {"equally many", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->add_sample_x(5); }},
       {"out of range", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_end(-5); }},
+      {"its first frame", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_queried(3); }},
+      {"its first frame", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_queried(m.objects(0).next()); }},
       {"contrary", [](auto& m) { m.mutable_objects(0)->mutable_members(0)->set_contrary(~0U); }},
   };
   for (const Spoiled& spoiled : cases) {

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -20,12 +21,14 @@ namespace holdfast {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::Contains;
 using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::Ge;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Le;
+using ::testing::Not;
 using ::testing::SizeIs;
 
 constexpr int64_t kFrames = 60;
@@ -49,17 +52,35 @@ ObjectQuery TheObject() {
   return object;
 }
 
-Frame FrameAt(int64_t index) {
-  static auto& made = *new std::map<int64_t, std::string>();
-  std::string& bytes = made[index];
+// 'speed': pixels a frame.
+Frame FrameAt(int64_t index, bool reseed = true, float speed = 0.4f) {
+  static auto& made = *new std::map<std::pair<int64_t, float>, std::string>();
+  std::string& bytes = made[{index, speed}];
   if (bytes.empty()) {
-    GrayImage picture = ShiftedTexture(kPicture, 0.4f * static_cast<float>(index), 0);
+    GrayImage picture = ShiftedTexture(kPicture, speed * static_cast<float>(index), 0);
     Cover(picture, kStill, kPicture.width, 9);
     bytes = BytesOf(picture);
   }
   Frame frame{index, bytes, {}, {}};
-  if (index == 3) frame.objects = {TheObject()};
+  if (index == 3) {
+    frame.objects = {TheObject()};
+    frame.objects[0].reseed = reseed;
+  }
   return frame;
+}
+
+// The final word on the object and its points.
+struct SaidOfObject {
+  FinalObject object;
+  std::map<PointId, FinalTrack> points;
+};
+
+SaidOfObject SaidBy(const RecordingListener& listener) {
+  SaidOfObject told{listener.FinalOfObject(kObject), {}};
+  for (const auto& [id, track] : listener.Finals()) {
+    if (IsObjectPoint(id) && ObjectOf(id) == kObject && !track.empty()) told.points[id] = track;
+  }
+  return told;
 }
 
 class ObjectsEngineTest : public EngineTest {
@@ -74,16 +95,61 @@ class ObjectsEngineTest : public EngineTest {
     config.raw_size = config.processing_size = kPicture;
     return config;
   }
-  static void Say(EngineSession& session, RecordingListener& listener, int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) ASSERT_THAT(listener.Push(session, FrameAt(i)), IsOk());
+  void Say(EngineSession& session, RecordingListener& listener, int64_t begin, int64_t end) const {
+    for (int64_t i = begin; i < end; ++i) {
+      ASSERT_THAT(listener.Push(session, FrameAt(i, reseed_, speed_)), IsOk());
+      if (i != removal_frame_) continue;
+      ASSERT_THAT(session.RemovePoints(removed_), IsOk());
+    }
   }
-  FinalObject Track(const SessionConfig& config) {
+  SaidOfObject Track(const SessionConfig& config) {
     RecordingListener listener;
     auto session = Open(config, listener);
     Say(*session, listener, 0, kFrames);
     session->Finish();
     EXPECT_THAT(listener.AwaitDone(), IsOk());
-    return listener.FinalOfObject(kObject);
+    return SaidBy(listener);
+  }
+  // What is told by a session that is interrupted behind frame end - 1, with or without a warning, and goes on.
+  SaidOfObject TrackInterrupted(const SessionConfig& config, int64_t end, bool warned) {
+    RecordingListener first, second;
+    auto session = Open(config, first);
+    Say(*session, first, 0, end);
+    if (warned) {
+      session->Suspend(absl::UnavailableError("going away"));
+      (void)first.AwaitDone();
+    }
+    session.reset();
+    SessionConfig resumed = config;
+    int64_t begin = 0;
+    if (!first.checkpoints().empty()) {
+      resumed.resume_token = first.checkpoints().back().token;
+      begin = first.checkpoints().back().next_frame;
+    }
+    session = Open(resumed, second);
+    Say(*session, second, begin, kFrames);
+    session->Finish();
+    EXPECT_THAT(second.AwaitDone(), IsOk());
+    SaidOfObject joined = SaidBy(first);
+    for (const auto& [frame, sample] : second.FinalOfObject(kObject)) {
+      const auto [place, inserted] = joined.object.emplace(frame, sample);
+      EXPECT_TRUE(SameObjectSamples(place->second, sample)) << "frame " << frame;
+    }
+    for (const auto& [id, track] : SaidBy(second).points) {
+      for (const auto& [frame, sample] : track) {
+        EXPECT_EQ(joined.points[id].emplace(frame, sample).first->second, sample) << id << " on frame " << frame;
+      }
+    }
+    return joined;
+  }
+  // Another engine, at whose options one may still look.
+  void Restart() {
+    engine_.reset();
+    options_ = EngineOptions();
+    options_.sealer = &sealer_;
+    model_ = new FakeTrackerModel;
+    model_->keep_starts = true;
+    model_->step = 0;
   }
   absl::Status Refusal(const SessionConfig& config) {
     RecordingListener listener;
@@ -102,14 +168,19 @@ class ObjectsEngineTest : public EngineTest {
   }
 
   MemorySealer sealer_;
+  bool reseed_ = true;
+  float speed_ = 0.4f;
+  int64_t removal_frame_ = -1;
+  std::vector<PointId> removed_;
 };
 
-void ExpectSame(const FinalObject& a, const FinalObject& b) {
-  ASSERT_EQ(a.size(), b.size());
-  for (const auto& [frame, sample] : a) {
-    ASSERT_EQ(b.count(frame), 1u) << frame;
-    EXPECT_TRUE(SameObjectSamples(sample, b.at(frame))) << "frame " << frame;
+void ExpectSame(const SaidOfObject& a, const SaidOfObject& b) {
+  ASSERT_EQ(a.object.size(), b.object.size());
+  for (const auto& [frame, sample] : a.object) {
+    ASSERT_EQ(b.object.count(frame), 1u) << frame;
+    EXPECT_TRUE(SameObjectSamples(sample, b.object.at(frame))) << "frame " << frame;
   }
+  EXPECT_EQ(a.points, b.points);
 }
 
 TEST_F(ObjectsEngineTest, FollowsTheObjectAndTellsWhichPointsHaveLeft) {
@@ -132,11 +203,44 @@ TEST_F(ObjectsEngineTest, FollowsTheObjectAndTellsWhichPointsHaveLeft) {
     EXPECT_EQ(ObjectOf(id), kObject);
     EXPECT_GE(listener.Final(id).at(3).x, kStill - 4) << "point " << (id & 0xFF) << " moves with the object";
   }
-  EXPECT_EQ(listener.summary().points, 24);
+  EXPECT_EQ(listener.summary().points, static_cast<int64_t>(listener.Finals().size()));
+}
+
+TEST_F(ObjectsEngineTest, PointsThatHaveLeftArePlacedAnewAndEnd) {
+  const SaidOfObject told = Track(MakeConfig());
+  int placed_anew = 0;
+  for (const auto& [id, track] : told.points) {
+    const int64_t begin = track.begin()->first, end = track.rbegin()->first + 1;
+    const auto next = told.points.find(ObjectSuccessor(id));
+    EXPECT_EQ(end, next == told.points.end() ? kFrames : next->second.begin()->first + 16) << "with its window";
+    if (!IsPlacedAnew(id)) continue;
+    ++placed_anew;
+    EXPECT_EQ((begin - 3) % 8, 0) << "where windows meet";
+    EXPECT_THAT(told.object.at(begin + 1).joined, Contains(id));
+    for (const auto* left : {&told.object.at(begin).left, &told.object.at(begin + 15).left}) {
+      EXPECT_THAT(*left, Contains(id - kMaxObjectPoints));
+    }
+  }
+  EXPECT_GE(placed_anew, 1);
+  for (const auto& [frame, sample] : told.object) {
+    EXPECT_LE(sample.joined.size(), 6u) << "at most a quarter at a time";
+    int64_t live = 0;
+    for (const auto& [id, track] : told.points) {
+      live += track.count(frame) != 0 && told.points.count(ObjectSuccessor(id)) == 0 ? 1 : 0;
+    }
+    EXPECT_LE(live, 24);
+  }
+}
+
+TEST_F(ObjectsEngineTest, NobodyIsPlacedAnewWhoIsNotWanted) {
+  reseed_ = false;
+  const SaidOfObject told = Track(MakeConfig());
+  EXPECT_THAT(told.points, SizeIs(24));
+  EXPECT_THAT(told.object.at(40).left, Not(IsEmpty()));
 }
 
 TEST_F(ObjectsEngineTest, WhatIsSaidOfItDependsOnNothingElse) {
-  const FinalObject alone = Track(MakeConfig());
+  const SaidOfObject alone = Track(MakeConfig());
   SessionConfig beside = MakeConfig();
   beside.points = {{1, 30, 40}, {2, 100, 20}};
   ObjectQuery other = TheObject();
@@ -155,45 +259,80 @@ TEST_F(ObjectsEngineTest, SmallBatchesChangeNothing) {
   options_.max_batch_rows = 5;
   options_.max_batch_frames = 1;
   options_.max_pending_frames = 1;
-  const FinalObject narrow = Track(MakeConfig());
-  engine_.reset();
-  options_ = EngineOptions();
-  model_ = new FakeTrackerModel;
-  model_->keep_starts = true;
-  model_->step = 0;
+  const SaidOfObject narrow = Track(MakeConfig());
+  Restart();
   ExpectSame(Track(MakeConfig()), narrow);
+}
+
+TEST_F(ObjectsEngineTest, NeitherHopNorPictureNorPaceMatterToThat) {
+  for (const int hop : {1, 5, 23}) {
+    for (const bool flow : {true, false}) {
+      SCOPED_TRACE(testing::Message() << "hop " << hop << ", with optical flow: " << flow);
+      SessionConfig config = MakeConfig();
+      config.hop_frames = hop;
+      speed_ = hop == 23 ? 0.44f : 0.4f;  // some have left when windows meet first
+      config.motion_prior = config.polish = flow;
+      Restart();
+      const SaidOfObject wide = Track(config);
+      EXPECT_TRUE(!flow || wide.points.size() > 24);
+      Restart();
+      options_.max_batch_rows = 7;
+      options_.max_pending_frames = 2;
+      ExpectSame(Track(config), wide);
+      config.checkpoint_interval_frames = 3;
+      ExpectSame(TrackInterrupted(config, 42, /*warned=*/true), wide);
+      ExpectSame(TrackInterrupted(config, 51, /*warned=*/false), wide);
+    }
+  }
+}
+
+TEST_F(ObjectsEngineTest, ARemovalMeansWhoeverStandsAtThePlace) {
+  const SaidOfObject whole = Track(MakeConfig());
+  const auto anew = std::find_if(whole.points.begin(), whole.points.end(),
+                                 [](const auto& point) { return IsPlacedAnew(point.first); });
+  ASSERT_NE(anew, whole.points.end());
+  const PointId id = anew->first;
+  const int64_t placed = anew->second.begin()->first;
+  // Before it is decided on, while it is, and after.
+  for (const int64_t frame : {placed + 14, placed + 15, placed + 16, placed + 19}) {
+    SCOPED_TRACE(frame - placed);
+    removal_frame_ = frame;
+    removed_ = {ObjectPlace(id), ObjectPointId(kObject, 0)};
+    Restart();
+    SessionConfig config = MakeConfig();
+    config.checkpoint_interval_frames = 3;
+    const SaidOfObject told = Track(config);
+    EXPECT_EQ(told.points.count(id), frame == placed + 14 ? 0u : 1u);
+    EXPECT_LE(told.points.at(ObjectPlace(id)).rbegin()->first, frame);
+    ExpectSame(TrackInterrupted(config, frame + 1, /*warned=*/true), told);
+    ExpectSame(TrackInterrupted(config, frame + 4, /*warned=*/false), told);
+    Restart();
+    options_.max_batch_rows = 5;
+    options_.max_pending_frames = 1;
+    ExpectSame(Track(config), told);
+  }
+}
+
+TEST_F(ObjectsEngineTest, PointsThatArePlacedAnewTakeNoRoomFromOthers) {
+  options_.limits.max_points = 26;
+  RecordingListener listener;
+  auto session = Open(MakeConfig(), listener);
+  Say(*session, listener, 0, 50);
+  EXPECT_THAT(session->AddPoints({{1, 5, 5}, {2, 9, 9}}), IsOk());
+  EXPECT_THAT(session->AddPoints({{3, 5, 5}}), StatusIs(absl::StatusCode::kResourceExhausted));
+  Say(*session, listener, 50, kFrames);
+  session->Finish();
+  EXPECT_THAT(listener.AwaitDone(), IsOk());
+  EXPECT_GT(listener.summary().points, 26);
 }
 
 TEST_F(ObjectsEngineTest, GoesOnElsewhereAsIfNothingHadHappened) {
   SessionConfig config = MakeConfig();
   config.checkpoint_interval_frames = 5;
-  const FinalObject expected = Track(config);
+  const SaidOfObject expected = Track(config);
   for (int64_t end = 2; end < kFrames; end += 3) {
     SCOPED_TRACE(end);
-    RecordingListener first, second;
-    auto session = Open(config, first);
-    Say(*session, first, 0, end);
-    if (end % 2 == 0) {
-      session->Suspend(absl::UnavailableError("going away"));
-      (void)first.AwaitDone();
-    }
-    session.reset();
-    SessionConfig resumed = config;
-    int64_t begin = 0;
-    if (!first.checkpoints().empty()) {
-      resumed.resume_token = first.checkpoints().back().token;
-      begin = first.checkpoints().back().next_frame;
-    }
-    session = Open(resumed, second);
-    Say(*session, second, begin, kFrames);
-    session->Finish();
-    EXPECT_THAT(second.AwaitDone(), IsOk());
-    FinalObject joined = first.FinalOfObject(kObject);
-    for (const auto& [frame, sample] : second.FinalOfObject(kObject)) {
-      const auto [place, inserted] = joined.emplace(frame, sample);
-      EXPECT_TRUE(SameObjectSamples(place->second, sample)) << "frame " << frame;
-    }
-    ExpectSame(joined, expected);
+    ExpectSame(TrackInterrupted(config, end, /*warned=*/end % 2 == 0), expected);
   }
 }
 

@@ -205,6 +205,24 @@ TEST(PointQueueTest, AnObjectIdIsFreeWhenItsPointsAre) {
   EXPECT_EQ(queue.Take(1).size(), 9U) << "frame 0: 3 seeds and 3 removals; frame 1: 3 seeds";
 }
 
+TEST(PointQueueTest, APointThatWasPlacedAnewIsCountedAndRemovedByItsPlace) {
+  PointQueue queue(kPoints);
+  queue.SeedObject(Three(2));
+  queue.PlaceObject(2, 0, Placed(2, 3));
+  EXPECT_EQ(queue.TakeSerials(2), 3u);
+  EXPECT_EQ(queue.next_serial(), 5u);
+  ASSERT_THAT(Remove(queue, {ObjectSuccessor(ObjectPointId(2, 1))}), IsOk());
+  ASSERT_THAT(Remove(queue, {ObjectPointId(2, 1)}), IsOk());
+  const std::vector<PointOp> ops = queue.Take(0);
+  ASSERT_EQ(ops.size(), 4U) << "the place is removed once";
+  EXPECT_EQ(ops[3].query.id, ObjectPointId(2, 1));
+  PointQueue free(kPoints);
+  const PointId stranger = ObjectPointId(9, 300);
+  EXPECT_THAT(Seed(free, {{stranger, 1}}), IsOk());
+  ASSERT_THAT(Remove(free, {stranger}), IsOk());
+  EXPECT_EQ(free.Take(0)[1].query.id, stranger) << "without objects ids have no places";
+}
+
 TEST(PointQueueTest, ObjectsAndPointsCountTogether) {
   PointQueue queue(kPoints);
   EXPECT_THAT(queue.CheckObjects("objects", {Three(2)}, {{1, 1}}, 0), IsOk());

@@ -166,7 +166,8 @@ TEST(ObjectGroupTest, AHiddenObjectStandsStillAndLosesNobody) {
 bool Same(const ObjectSample& a, const ObjectSample& b) {
   const auto same = [](Pixel p, Pixel q) { return p.x == q.x && p.y == q.y; };
   return same(a.centre, b.centre) && a.scale == b.scale && a.rotation == b.rotation && a.visible == b.visible &&
-         a.left == b.left && std::equal(a.outline.begin(), a.outline.end(), b.outline.begin(), b.outline.end(), same);
+         a.left == b.left && a.joined == b.joined &&
+         std::equal(a.outline.begin(), a.outline.end(), b.outline.begin(), b.outline.end(), same);
 }
 
 // Final samples of a group that hears of frames in pieces, provisional estimates among them, that are wrong.
@@ -188,7 +189,7 @@ std::vector<ObjectSample> InPieces(const World& world, int64_t frames, int64_t p
       EXPECT_EQ(run->first_frame, kQuery + static_cast<int64_t>(finals.size()));
       finals.insert(finals.end(), run->samples.begin(), run->samples.begin() + run->final_count);
     }
-    group = ObjectGroup(group.state());  // as a session that goes on elsewhere
+    group = ObjectGroup(group.StateBefore(1000));  // as a session that goes on elsewhere
   }
   return finals;
 }
@@ -240,6 +241,148 @@ TEST(ObjectGroupTest, GoesOnWithoutPointsThatWereRemoved) {
   for (uint32_t i = 1; i < 9; ++i) group.Remove(ObjectPointId(kId, i), kQuery + 11);
   EXPECT_TRUE(group.ended());
   EXPECT_FALSE(group.TakeRun(true));
+}
+
+// Windows of 24 frames every 8 meet at the query + 8, + 16...
+constexpr ObjectWindows kWindows{24, 8};
+constexpr PointId kLost = ObjectPointId(kId, 4), kNew = ObjectPointId(kId, 260);
+
+// A group that has lost point 4 by frame kQuery + 8, where it waits for a new one.
+ObjectGroup Waiting(int64_t newest = ObjectMember::kNever) {
+  ObjectGroup group(kId, kQuery, Square(), Nine(), kWindows);
+  AddAll(group, Losing(0), kQuery, kQuery + 24, 9);
+  (void)group.TakeRun(/*provisional=*/true, newest);
+  return group;
+}
+
+PointRun RunOfNew(int64_t begin, int64_t end, int64_t finals) {
+  PointRun run = RunOf(4, Shifting, begin, end, finals);
+  run.id = kNew;
+  return run;
+}
+
+TEST(ObjectGroupTest, APointThatHasLeftIsPlacedAnewWhereWindowsMeet) {
+  ObjectGroup group = Waiting();
+  ASSERT_TRUE(group.reseeding());
+  EXPECT_EQ(group.reseeding()->frame, kQuery + 8);
+  EXPECT_THAT(group.reseeding()->lost, ElementsAre(kLost));
+  EXPECT_EQ(group.meeting(), kQuery + 8);
+  EXPECT_EQ(group.covered_at_meeting(), kQuery + 23);
+  EXPECT_FALSE(group.TakeRun(true)) << "a frame after it";
+  const auto made = group.Reseed(std::vector<Pixel>{{66, 50}});
+  ASSERT_THAT(made, SizeIs(1));
+  EXPECT_EQ(made[0].before, kLost);
+  EXPECT_EQ(made[0].before_queried, kQuery);
+  EXPECT_EQ(made[0].point.id, kNew);
+  EXPECT_EQ(made[0].point.x, 66);
+  EXPECT_FALSE(made[0].removed_after);
+  EXPECT_TRUE(group.WasPlacedAnew(kNew, kQuery + 8));
+  EXPECT_EQ(group.meeting(), kQuery + 16);
+}
+
+TEST(ObjectGroupTest, ThePointBeforeEndsWithItsWindow) {
+  ObjectGroup group = Waiting();
+  (void)group.Reseed(std::vector<Pixel>{{66, 50}});
+  AddAll(group, Losing(0), kQuery + 9, kQuery + 32, 23);
+  group.Add(RunOfNew(kQuery + 8, kQuery + 32, 24));
+  const auto run = group.TakeRun(false, /*newest=*/kQuery + 31);
+  ASSERT_TRUE(run);
+  ASSERT_EQ(run->first_frame, kQuery + 9);
+  ASSERT_THAT(run->samples, SizeIs(23));
+  EXPECT_THAT(run->samples[0].joined, ElementsAre(kNew));
+  EXPECT_THAT(run->samples[1].joined, IsEmpty());
+  EXPECT_THAT(run->samples[14].left, ElementsAre(kLost));
+  EXPECT_THAT(run->samples[15].left, IsEmpty()) << "its window came to frame kQuery + 23";
+  EXPECT_NEAR(run->samples[22].centre.x, 50 + 2 * 31, 1e-3);
+  EXPECT_THAT(group.StateBefore(1000).members, SizeIs(10));
+}
+
+TEST(ObjectGroupTest, WindowsThatHardlyOverlapEndThePointBeforeAtOnce) {
+  const ObjectWindows windows{24, 23};
+  ObjectGroup group(kId, kQuery, Square(), Nine(), windows);
+  AddAll(group, Losing(0), kQuery, kQuery + 24, 24);
+  (void)group.TakeRun(false, kQuery + 23);
+  ASSERT_TRUE(group.reseeding());
+  EXPECT_EQ(group.covered_at_meeting(), kQuery + 23);
+  (void)group.Reseed(std::vector<Pixel>{{96, 50}});
+  // What was said at the newest frame comes again, but not who was placed anew there.
+  ObjectGroup again(group.StateBefore(kQuery + 23), windows);
+  EXPECT_TRUE(again.WasPlacedAnew(kNew, kQuery + 23));
+  EXPECT_THAT(again.StateBefore(1000).members, SizeIs(9));
+  EXPECT_EQ(again.meeting(), kQuery + 46);
+}
+
+TEST(ObjectGroupTest, TheFirstPointsTellTheMotionWhileThereAreEnough) {
+  // Point 4 has been placed anew, and shifts by a pixel a frame more than the others, which lie within what is allowed.
+  for (const int hidden : {0, 7}) {
+    ObjectGroup group = Waiting();
+    (void)group.Reseed(std::vector<Pixel>{{66, 50}});
+    const auto seen = [hidden](uint32_t i, Pixel home, int64_t t) {
+      Seen seen = Losing(0)(i, home, t);
+      seen.visible = static_cast<int>(i) >= hidden;
+      return seen;
+    };
+    AddAll(group, seen, kQuery + 9, kQuery + 12, 3);
+    PointRun anew = RunOfNew(kQuery + 8, kQuery + 12, 4);
+    for (size_t i = 1; i < 4; ++i) anew.x[i] += 2;
+    group.Add(anew);
+    const auto run = group.TakeRun(false, kQuery + 31);
+    ASSERT_TRUE(run);
+    const double off = run->samples[2].centre.x - (50 + 2 * 11);
+    if (hidden == 0) {
+      EXPECT_NEAR(off, 0, 1e-3);
+    } else {
+      EXPECT_GT(off, 0.1) << "two of the first ones are too few";
+    }
+  }
+}
+
+TEST(ObjectGroupTest, GoesOnWithoutANewPointWhereThereIsNoPlace) {
+  ObjectGroup group = Waiting();
+  EXPECT_THAT(group.Reseed({}), IsEmpty());
+  AddAll(group, Losing(0), kQuery + 9, kQuery + 17, 8);
+  const auto run = group.TakeRun(false, kQuery + 31);
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->first_frame, kQuery + 9);
+  EXPECT_THAT(run->samples, SizeIs(8));
+  EXPECT_TRUE(group.reseeding()) << "the next time that windows meet";
+}
+
+TEST(ObjectGroupTest, NobodyIsPlacedAnewWhereTheVideoEnds) {
+  EXPECT_FALSE(Waiting(/*newest=*/kQuery + 22).reseeding()) << "that window was the last one";
+  EXPECT_TRUE(Waiting(/*newest=*/kQuery + 23).reseeding());
+}
+
+TEST(ObjectGroupTest, WhoIsRemovedIsRemovedWithAllOfItsPlace) {
+  ObjectGroup early(kId, kQuery, Square(), Nine(), kWindows);
+  AddAll(early, Losing(0), kQuery, kQuery + 24, 9);
+  EXPECT_THAT(early.Remove(kLost, kQuery + 22), ElementsAre(kLost));
+  (void)early.TakeRun(true);
+  EXPECT_FALSE(early.reseeding()) << "it had ended before its window";
+  ObjectGroup late(kId, kQuery, Square(), Nine(), kWindows);
+  AddAll(late, Losing(0), kQuery, kQuery + 24, 9);
+  (void)late.Remove(kLost, kQuery + 30);
+  (void)late.TakeRun(true);
+  ASSERT_TRUE(late.reseeding());
+  const auto made = late.Reseed(std::vector<Pixel>{{66, 50}});
+  EXPECT_EQ(made[0].removed_after, kQuery + 30) << "as if it had been placed before that was said";
+  ObjectGroup after = Waiting();
+  (void)after.Reseed(std::vector<Pixel>{{66, 50}});
+  EXPECT_THAT(after.Remove(kLost, kQuery + 30), ElementsAre(kNew));
+}
+
+TEST(ObjectGroupTest, AStateHoldsWhoWasPlacedAnew) {
+  ObjectGroup before = Waiting();
+  (void)before.Reseed(std::vector<Pixel>{{66, 50}});
+  // What was said at frame kQuery + 23 comes again, but not that the point before ends there.
+  ObjectGroup group(before.StateBefore(kQuery + 23), kWindows);
+  AddAll(group, Losing(0), kQuery + 9, kQuery + 32, 23);
+  group.Add(RunOfNew(kQuery + 8, kQuery + 32, 24));
+  const auto run = group.TakeRun(false, kQuery + 31);
+  ASSERT_TRUE(run);
+  EXPECT_THAT(run->samples[0].joined, ElementsAre(kNew));
+  EXPECT_THAT(run->samples[14].left, ElementsAre(kLost));
+  EXPECT_THAT(run->samples[15].left, IsEmpty());
 }
 
 TEST(ObjectGroupTest, IgnoresThePointsOfOthers) {

@@ -27,6 +27,13 @@ std::vector<Displacement> Moved(int count, const Similarity& motion) {
   return moved;
 }
 
+TEST(SimilarityTest, TheWayBackEndsWhereItBegan) {
+  const Similarity motion{1.2, -0.7, 30, -4};
+  const Pixel back = motion.MapBack(motion.Map({17, 250}));
+  EXPECT_NEAR(back.x, 17, 1e-3);
+  EXPECT_NEAR(back.y, 250, 1e-3);
+}
+
 TEST(SimilarityTest, TurnsScalesAndShifts) {
   const Similarity motion = Of(2, kQuarterTurn, 10, -5);
   const Pixel at = motion.Map({3, 1});
