@@ -43,6 +43,7 @@ ABSL_FLAG(std::string, points, "",
 ABSL_FLAG(int, grid, 0, "Tracks about this many points spread over the frame, or this many on --mask.");
 ABSL_FLAG(std::string, mask, "",
           "Follows the object that the nonzero pixels of this picture cover, which has the frame's size.");
+ABSL_FLAG(bool, reseed, true, "Has points of --mask that have left its object placed anew while it is in sight.");
 ABSL_FLAG(int64_t, query_frame, -1,
           "Starts the points of --grid and the object of --mask at this frame. -1: at the first one that is tracked.");
 ABSL_FLAG(
@@ -121,7 +122,7 @@ std::string Help() {
           {"server", "connect_timeout", "tls", "tls_ca", "tls_cert", "tls_key", "tls_server_name", "token_file"}),
       "\nWhen the server is lost (track):\n", DescribeFlags({"resume", "buffer_mib", "reconnect_timeout"}),
       "\nPoints (track; at least one of points, grid and mask):\n",
-      DescribeFlags({"points", "grid", "mask", "query_frame"}),
+      DescribeFlags({"points", "grid", "mask", "reseed", "query_frame"}),
       "\nResults (track; at least one of out, overlay, still and show):\n",
       DescribeFlags({"out", "overlay", "still", "still_frame", "show", "trail_frames"}), "\nTracking (track):\n",
       DescribeFlags({"start_frame", "every", "max_frames", "both", "max_side", "jpeg_quality", "processing_size", "hop",
@@ -135,7 +136,7 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
   TrackOptions options;
   options.input = input;
   options.points = {absl::GetFlag(FLAGS_points), absl::GetFlag(FLAGS_mask), absl::GetFlag(FLAGS_grid),
-                    absl::GetFlag(FLAGS_query_frame)};
+                    absl::GetFlag(FLAGS_query_frame), absl::GetFlag(FLAGS_reseed)};
   options.out = absl::GetFlag(FLAGS_out);
   options.overlay = {absl::GetFlag(FLAGS_overlay), absl::GetFlag(FLAGS_still), absl::GetFlag(FLAGS_still_frame),
                      absl::GetFlag(FLAGS_trail_frames), absl::GetFlag(FLAGS_show)};

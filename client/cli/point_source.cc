@@ -86,6 +86,7 @@ absl::StatusOr<std::optional<StartObject>> CollectObject(const PointOptions& opt
   object.query.id = 1;
   object.query.mask_png.assign(png.begin(), png.end());
   object.query.points = options.grid;
+  object.query.reseed = options.reseed;
   object.frame = StartFrame(options, first_frame);
   object.first_point = LastId(points) + 1;
   return object;

@@ -19,6 +19,7 @@ struct PointOptions {
   std::string mask;  // a picture of the frame's size whose nonzero pixels are an object; empty: none
   int grid = 0;      // about so many points on the frame, or so many on the mask's object; 0: none, 64 on an object
   int64_t query_frame = -1;  // where the grid's points or the object start; -1: on the first frame that is tracked
+  bool reseed = true;        // points that have left the mask's object are placed anew
 
   // OK where at least one source is given.
   absl::Status Validate() const;

@@ -8,8 +8,10 @@
 #include <limits>
 #include <type_traits>
 
+#include "absl/container/flat_hash_map.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "api/limits.h"
 #include "io/npz_writer.h"
 
 namespace holdfast {
@@ -88,6 +90,65 @@ std::vector<double> CaptureTimes(const TrackTable& table, int64_t frames) {
   return known ? seconds : std::vector<double>();
 }
 
+using Arrays = std::vector<std::pair<std::string, std::string>>;
+
+// Of each point the object that it belongs to and the row of the point whose place it has taken, -1 where there is
+// none, and on which frames it has left: [N], [N], [N, T].
+void AddMembership(const TrackTable& table, int64_t frames, Arrays& arrays) {
+  const auto points = static_cast<int64_t>(table.tracks().size());
+  std::vector<int64_t> objects(points, -1), replaces(points, -1);
+  std::string left(points * frames, '\0');
+  absl::flat_hash_map<PointId, int64_t> rows;
+  for (int64_t row = 0; row < points; ++row) rows[table.tracks()[row].start.query.id] = row;
+  for (int64_t row = 0; row < points; ++row) {
+    const TableTrack& track = table.tracks()[row];
+    if (table.IsOfObject(track)) objects[row] = table.object()->start.query.id;
+    if (table.WasPlacedAnew(track)) replaces[row] = rows.at(track.start.query.id - kMaxObjectPoints);
+  }
+  for (int64_t frame = 0; frame < frames; ++frame) {
+    const ObjectSample* sample = table.ObjectEstimate(frame);
+    if (sample == nullptr) continue;
+    for (const PointId id : sample->left) {
+      if (const auto row = rows.find(id); row != rows.end()) left[row->second * frames + frame] = 1;
+    }
+  }
+  arrays.emplace_back("of_object", Array({points}, objects));
+  arrays.emplace_back("replaces", Array({points}, replaces));
+  arrays.emplace_back("left", NpyFile("|b1", {points, frames}, left));
+}
+
+// Of the O = 1 objects.
+void AddObject(const TrackTable& table, int64_t frames, Arrays& arrays) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  size_t corners = 0;
+  for (int64_t frame = 0; frame < frames; ++frame) {
+    const ObjectSample* sample = table.ObjectEstimate(frame);
+    if (sample != nullptr) corners = std::max(corners, sample->outline.size());
+  }
+  std::vector<float> centre(2 * frames, kNan), scale(frames, kNan), rotation(frames, kNan), visible(frames, 0);
+  std::vector<float> outline(2 * frames * corners, kNan);
+  for (int64_t frame = 0; frame < frames; ++frame) {
+    const ObjectSample* sample = table.ObjectEstimate(frame);
+    if (sample == nullptr) continue;
+    centre[2 * frame] = sample->centre.x;
+    centre[2 * frame + 1] = sample->centre.y;
+    scale[frame] = sample->scale;
+    rotation[frame] = sample->rotation;
+    visible[frame] = sample->visible;
+    size_t at = 2 * frame * corners;
+    for (const Pixel& corner : sample->outline) {
+      outline[at++] = corner.x;
+      outline[at++] = corner.y;
+    }
+  }
+  arrays.emplace_back("object_ids", Array<int64_t>({1}, {table.object()->start.query.id}));
+  arrays.emplace_back("object_centre", Array({1, frames, 2}, centre));
+  arrays.emplace_back("object_scale", Array({1, frames}, scale));
+  arrays.emplace_back("object_rotation", Array({1, frames}, rotation));
+  arrays.emplace_back("object_visible", Array({1, frames}, visible));
+  arrays.emplace_back("object_outline", Array({1, frames, static_cast<int64_t>(corners), 2}, outline));
+}
+
 }  // namespace
 
 std::vector<std::pair<std::string, std::string>> TrackArrays(const TrackTable& table, const VideoFacts& video,
@@ -103,21 +164,24 @@ std::vector<std::pair<std::string, std::string>> TrackArrays(const TrackTable& t
     query_frames.push_back(track.start.frame);
   }
   for (int64_t frame = 0; frame < extent.frames; ++frame) frames.push_back(table.Number(frame));
-  std::vector<std::pair<std::string, std::string>> arrays = {
-      {"tracks", Array({points, extent.frames, 2}, estimates.xy)},
-      {"visible", NpyFile("|b1", {points, extent.frames}, estimates.visible)},
-      {"confidence", Array({points, extent.frames}, estimates.confidence)},
-      {"ids", Array({points}, ids)},
-      {"names", Texts(names)},
-      {"query_frames", Array({points}, query_frames)},
-      {"frames", Array({extent.frames}, frames)},
-      {"size", Array<int64_t>({2}, {video.size.width, video.size.height})},
-      {"fps", Array<double>({}, {video.fps})},
-      {"complete", Flag(extent.complete)},
-      {"final_frames", Array<int64_t>({}, {extent.final_frames})},
-      {"expected_frames", Array<int64_t>({}, {extent.expected_frames})}};
+  Arrays arrays = {{"tracks", Array({points, extent.frames, 2}, estimates.xy)},
+                   {"visible", NpyFile("|b1", {points, extent.frames}, estimates.visible)},
+                   {"confidence", Array({points, extent.frames}, estimates.confidence)},
+                   {"ids", Array({points}, ids)},
+                   {"names", Texts(names)},
+                   {"query_frames", Array({points}, query_frames)},
+                   {"frames", Array({extent.frames}, frames)},
+                   {"size", Array<int64_t>({2}, {video.size.width, video.size.height})},
+                   {"fps", Array<double>({}, {video.fps})},
+                   {"complete", Flag(extent.complete)},
+                   {"final_frames", Array<int64_t>({}, {extent.final_frames})},
+                   {"expected_frames", Array<int64_t>({}, {extent.expected_frames})}};
   const std::vector<double> times = CaptureTimes(table, extent.frames);
   if (!times.empty()) arrays.emplace_back("capture_times", Array({extent.frames}, times));
+  if (table.object()) {
+    AddMembership(table, extent.frames, arrays);
+    AddObject(table, extent.frames, arrays);
+  }
   return arrays;
 }
 

@@ -58,10 +58,10 @@ std::string TrackLines::Line(const ObjectRun& run, size_t i, const TrackTable& t
   const ObjectSample& sample = run.samples[i];
   return absl::StrFormat(
       "{\"object\": %d, \"frame\": %d, \"x\": %s, \"y\": %s, \"scale\": %s, \"rotation\": %s, \"visible\": %s, "
-      "\"left\": [%s], \"final\": %s%s}\n",
+      "\"left\": [%s], \"joined\": [%s], \"final\": %s%s}\n",
       run.id, table.Number(frame), Number(sample.centre.x), Number(sample.centre.y), Number(sample.scale),
       Number(sample.rotation), Number(sample.visible), absl::StrJoin(sample.left, ", "),
-      Word(static_cast<int64_t>(i) < run.final_count), Captured(frame, table));
+      absl::StrJoin(sample.joined, ", "), Word(static_cast<int64_t>(i) < run.final_count), Captured(frame, table));
 }
 
 bool TrackLines::End(const TrackExtent& extent) {

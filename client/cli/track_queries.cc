@@ -70,7 +70,10 @@ void TrackQueries::NameObjectPoints(TrackUpdate& update) const {
   };
   for (PointRun& run : update.runs) name(run.id);
   for (ObjectRun& run : update.objects) {
-    for (ObjectSample& sample : run.samples) std::for_each(sample.left.begin(), sample.left.end(), name);
+    for (ObjectSample& sample : run.samples) {
+      std::for_each(sample.left.begin(), sample.left.end(), name);
+      std::for_each(sample.joined.begin(), sample.joined.end(), name);
+    }
   }
 }
 

@@ -173,7 +173,7 @@ class TrackRun final : public TrackObserver {
     absl::MutexLock lock(&mutex_);
     std::vector<PastQuery> queries;
     for (const TableTrack& track : table_.tracks()) {
-      if (track.query_frame == 0 || track.query_frame >= sent_) continue;
+      if (track.query_frame == 0 || track.query_frame >= sent_ || table_.WasPlacedAnew(track)) continue;
       queries.push_back({encoder_.ToSent(track.start.query), track.query_frame});
     }
     return queries;
@@ -306,7 +306,13 @@ class TrackRun final : public TrackObserver {
       return;
     }
     WarnOfLatePoints();
-    environment_.log << absl::StrFormat("%d points, final on all %d frames\n", table_.tracks().size(), extent.frames);
+    const auto anew = std::count_if(table_.tracks().begin(), table_.tracks().end(), [this](const TableTrack& track) {
+      mutex_.AssertHeld();
+      return table_.WasPlacedAnew(track);
+    });
+    environment_.log << absl::StrFormat("%d points%s, final on all %d frames\n", table_.tracks().size(),
+                                        anew > 0 ? absl::StrCat(", ", anew, " of them placed anew") : "",
+                                        extent.frames);
     if (options_.live) environment_.log << answers_.Summary();
     if (drop_) environment_.log << reader_.dropped() << " frames came faster than answers and were left out\n";
     for (const std::string& path : files) environment_.log << "wrote " << path << "\n";

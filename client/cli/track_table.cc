@@ -8,6 +8,14 @@
 #include "api/limits.h"
 
 namespace holdfast {
+namespace {
+
+void DropVoid(TableTrack& track) {
+  while (!track.samples.empty() && !track.samples.back().is_final()) track.samples.pop_back();
+  track.answered_frames = std::min(track.answered_frames, static_cast<int64_t>(track.samples.size()));
+}
+
+}  // namespace
 
 // Until the frame of a point or an object comes its query_frame lies behind all that came, as no frame of the input has
 // a larger number in the session than in the input.
@@ -66,6 +74,10 @@ bool TrackTable::IsOfObject(const TableTrack& track) const {
   return object_ && track.start.query.id >= object_->start.first_point;
 }
 
+bool TrackTable::WasPlacedAnew(const TableTrack& track) const {
+  return IsOfObject(track) && track.start.query.id - object_->start.first_point >= kMaxObjectPoints;
+}
+
 const ObjectSample* TrackTable::ObjectEstimate(int64_t frame) const {
   if (!object_) return nullptr;
   const int64_t at = frame - object_->query_frame;
@@ -75,15 +87,29 @@ const ObjectSample* TrackTable::ObjectEstimate(int64_t frame) const {
 
 std::optional<size_t> TrackTable::Find(const PointRun& run) {
   if (const auto found = index_.find(run.id); found != index_.end()) return found->second;
-  if (!object_ || run.id < object_->start.first_point || run.first_frame != object_->query_frame) return std::nullopt;
-  if (run.id - object_->start.first_point >= kMaxObjectPoints) return std::nullopt;
+  if (!BeginsObjectPoint(run)) return std::nullopt;
   const size_t at = tracks_.size();
   index_[run.id] = at;
   TableTrack& track = tracks_.emplace_back();
-  track.start = {{run.id, 0, 0}, object_->start.frame, absl::StrCat(run.id)};
-  track.query_frame = object_->query_frame;
-  track.first_frame = direction_ == Direction::kBoth ? 0 : track.query_frame;
+  track.start = {{run.id, 0, 0}, Number(run.first_frame), absl::StrCat(run.id)};
+  track.query_frame = run.first_frame;
+  // What lay before a point that was placed anew is its predecessor's.
+  track.first_frame = direction_ == Direction::kBoth && !WasPlacedAnew(track) ? 0 : track.query_frame;
   return at;
+}
+
+bool TrackTable::BeginsObjectPoint(const PointRun& run) const {
+  if (!object_ || run.id < object_->start.first_point) return false;
+  if (run.id - object_->start.first_point < kMaxObjectPoints) return run.first_frame == object_->query_frame;
+  return run.first_frame > object_->query_frame && index_.contains(run.id - kMaxObjectPoints);
+}
+
+void TrackTable::Replace(PointId id) {
+  const auto found = index_.find(id);
+  if (found == index_.end()) return;
+  TableTrack& track = tracks_[found->second];
+  track.replaced = true;
+  DropVoid(track);
 }
 
 absl::Status TrackTable::ApplyRun(const ObjectRun& run) {
@@ -99,6 +125,9 @@ absl::Status TrackTable::ApplyRun(const ObjectRun& run) {
     if (first + i >= object_->final_frames) samples[first + i] = run.samples[i];
   }
   if (run.final_count > 0) object_->final_frames = std::max(object_->final_frames, first + run.final_count);
+  for (const ObjectSample& sample : run.samples) {
+    for (const PointId id : sample.joined) Replace(id - kMaxObjectPoints);
+  }
   return absl::OkStatus();
 }
 
@@ -130,12 +159,15 @@ absl::Status TrackTable::ApplyRun(const PointRun& run, bool backward) {
   const auto end = static_cast<int64_t>(track.samples.size());
   while (track.final_frames < end && track.samples[track.final_frames].is_final()) ++track.final_frames;
   while (track.answered_frames < end && !track.samples[track.answered_frames].is_absent()) ++track.answered_frames;
+  if (track.replaced) DropVoid(track);
   return absl::OkStatus();
 }
 
 int64_t TrackTable::final_frames() const {
   int64_t frames = frames_;
-  for (const TableTrack& track : tracks_) frames = std::min(frames, track.first_frame + track.final_frames);
+  for (const TableTrack& track : tracks_) {
+    if (!track.replaced) frames = std::min(frames, track.first_frame + track.final_frames);
+  }
   if (object_) frames = std::min(frames, object_->query_frame + object_->final_frames);
   return frames;
 }
@@ -152,7 +184,9 @@ int64_t TrackTable::estimated_frames() const {
 
 int64_t TrackTable::answered_frames() const {
   int64_t frames = frames_;
-  for (const TableTrack& track : tracks_) frames = std::min(frames, track.first_frame + track.answered_frames);
+  for (const TableTrack& track : tracks_) {
+    if (!track.replaced) frames = std::min(frames, track.first_frame + track.answered_frames);
+  }
   if (object_ && object_->samples.empty()) frames = std::min(frames, object_->query_frame);
   return frames;
 }

@@ -35,6 +35,7 @@ struct TableTrack {
   std::vector<TrackSample> samples;
   int64_t final_frames = 0;     // the first so many samples are final
   int64_t answered_frames = 0;  // the first so many samples are there
+  bool replaced = false;        // another point has taken its place on the object: what is not final is void
 };
 
 // An object's life: samples[i] belongs to frame query_frame + i.
@@ -74,6 +75,8 @@ class TrackTable {
   const std::optional<TableObject>& object() const { return object_; }
   // Whether the track is of a point of the object. Such a point starts where the tracker has placed it.
   bool IsOfObject(const TableTrack& track) const;
+  // Whether the tracker has placed this point of the object anew, in the place of that of id - kMaxObjectPoints.
+  bool WasPlacedAnew(const TableTrack& track) const;
   // Null where nothing was said of it.
   const ObjectSample* ObjectEstimate(int64_t frame) const;
   int64_t frames() const { return frames_; }  // frames the tracker has accepted so far
@@ -95,6 +98,10 @@ class TrackTable {
   absl::Status ApplyRun(const ObjectRun& run);
   // The place of its track in tracks_; none: it was never asked for.
   std::optional<size_t> Find(const PointRun& run);
+  // Whether it may begin the track of a point of the object.
+  bool BeginsObjectPoint(const PointRun& run) const;
+  // Another point has taken the place of this one.
+  void Replace(PointId id);
 
   const Direction direction_;
   std::vector<TableTrack> tracks_;

@@ -9,6 +9,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/time/time.h"
 #include "client/cli/track_arrays.h"
 #include "client/cli/track_exports.h"
@@ -52,6 +53,7 @@ json ObjectToJson(const TrackTable& table, const TrackExtent& extent) {
   const TableObject& object = *table.object();
   json points = json::array(), frames = json::array(), xy = json::array(), scale = json::array();
   json rotation = json::array(), visible = json::array(), outline = json::array(), left = json::array();
+  json joined = json::array();
   for (const TableTrack& track : table.tracks()) {
     if (table.IsOfObject(track)) points.push_back(track.start.query.id);
   }
@@ -67,10 +69,12 @@ json ObjectToJson(const TrackTable& table, const TrackExtent& extent) {
     for (const Pixel& corner : sample->outline) corners.push_back({Rounded(corner.x), Rounded(corner.y)});
     outline.push_back(std::move(corners));
     left.push_back(sample->left);
+    joined.push_back(sample->joined);
   }
   return {{"id", object.start.query.id},   {"points", std::move(points)},   {"frames", std::move(frames)},
           {"xy", std::move(xy)},           {"scale", std::move(scale)},     {"rotation", std::move(rotation)},
-          {"visible", std::move(visible)}, {"outline", std::move(outline)}, {"left", std::move(left)}};
+          {"visible", std::move(visible)}, {"outline", std::move(outline)}, {"left", std::move(left)},
+          {"joined", std::move(joined)}};
 }
 
 // Point by point, so that the tree of values never holds a whole video.
@@ -103,6 +107,37 @@ void WriteCsv(std::ostream& out, const TrackTable& table) {
                              s.confidence);
     }
   }
+}
+
+void WriteObjectsCsv(std::ostream& out, const TrackTable& table, const TrackExtent& extent) {
+  out << "object,frame,x,y,scale,rotation,visible,outline,left,joined\n";
+  for (int64_t frame = 0; frame < extent.frames; ++frame) {
+    const ObjectSample* s = table.ObjectEstimate(frame);
+    if (s == nullptr) continue;
+    const auto corner = [](std::string* text, const Pixel& at) {
+      absl::StrAppendFormat(text, "%.3f %.3f", at.x, at.y);
+    };
+    out << absl::StrFormat("%d,%d,%.3f,%.3f,%.4f,%.4f,%.4f,%s,%s,%s\n", table.object()->start.query.id,
+                           table.Number(frame), s->centre.x, s->centre.y, s->scale, s->rotation, s->visible,
+                           absl::StrJoin(s->outline, ";", corner), absl::StrJoin(s->left, " "),
+                           absl::StrJoin(s->joined, " "));
+  }
+}
+
+// x.objects.csv of x.csv.
+std::string ObjectsPath(absl::string_view path) {
+  constexpr absl::string_view kSuffix = ".csv";
+  return absl::StrCat(path.substr(0, path.size() - kSuffix.size()), ".objects",
+                      path.substr(path.size() - kSuffix.size()));
+}
+
+absl::Status WriteObjects(const std::string& path, const TrackTable& table, const TrackExtent& extent) {
+  return WriteAtomically(path, [&](const std::string& temporary) {
+    std::ofstream out(temporary, std::ios::binary);
+    WriteObjectsCsv(out, table, extent);
+    out.close();
+    return out ? absl::OkStatus() : absl::InternalError("cannot be written");
+  });
 }
 
 absl::Status WriteText(const std::string& path, TrackFormat format, const TrackTable& table, const VideoFacts& video,
@@ -145,6 +180,9 @@ absl::Status WriteTracks(const std::string& path, const TrackTable& table, const
                          const TrackExtent& extent) {
   const absl::StatusOr<TrackFormat> format = TrackFormatOf(path);
   if (!format.ok()) return format.status();
+  if (*format == TrackFormat::kCsv && table.object()) {
+    if (absl::Status written = WriteObjects(ObjectsPath(path), table, extent); !written.ok()) return written;
+  }
   return WriteAtomically(path, [&](const std::string& temporary) {
     if (*format == TrackFormat::kNpz) return WriteNpz(temporary, TrackArrays(table, video, extent));
     return WriteText(temporary, *format, table, video, extent);

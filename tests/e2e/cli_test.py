@@ -230,6 +230,35 @@ class CliTest(unittest.TestCase):
             self.assertTrue(30 <= x < 60 and 30 <= y < 60, f"on the mask: {x}, {y}")
         self.assertGreater(self.path("o.mp4").stat().st_size, 1000)
 
+    def test_points_that_leave_the_mask_are_placed_anew_unless_told_otherwise(self):
+        still = 84  # columns from here on stand still
+        pictures = [Image.open(io.BytesIO(jpeg)) for jpeg in jpegs(moving_picture(40))]
+        for picture in pictures[1:]:
+            picture.paste(pictures[0].crop((still, 0, WIDTH, HEIGHT)), (still, 0))
+        mask = Image.new("L", (WIDTH, HEIGHT))
+        mask.paste(255, (6, 20, 92, 76))
+        mask.save(self.path("mask.png"))
+        files = [io.BytesIO() for _ in pictures]
+        for file, picture in zip(files, pictures):
+            picture.save(file, "JPEG", quality=95)
+        command = ["track", str(self.pictures("frames", [file.getvalue() for file in files])),
+                   f"--server={self.server.address}", f"--mask={self.path('mask.png')}", "--grid=30"]
+        done = self.holdfast(*command, f"--out={self.path('t.json')}", f"--overlay={self.path('o.mp4')}")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        tracks = json.loads(self.path("t.json").read_text())
+        found, = tracks["objects"]
+        joined = {point: number for number, points in zip(found["frames"], found["joined"]) for point in points}
+        self.assertGreater(len(joined), 0)
+        anew = len(joined)
+        self.assertIn(f"{30 + anew} points, {anew} of them placed anew, final on all 40 frames", done.stderr)
+        frames = {point["id"]: point["frames"] for point in tracks["points"]}
+        for point, number in joined.items():
+            self.assertEqual(frames[point][0], number - 1)
+            self.assertEqual(frames[point - 256][-1], min(number + 14, 39), "with its window")
+        done = self.holdfast(*command, "--reseed=false", f"--out={self.path('t.json')}")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(len(json.loads(self.path("t.json").read_text())["points"]), 30)
+
     def test_live_frames_that_come_too_fast_are_left_out_and_counted(self):
         self.path("points.csv").write_text("id,x,y\n1,40.5,50.25\n", encoding="utf-8")
         every = b"".join(jpegs(moving_picture(WHOLE))) * 6

@@ -70,13 +70,13 @@ TEST(TrackLinesTest, AnObjectHasLinesOfItsOwn) {
   std::ostringstream out;
   TrackLines lines({}, out);
   TrackUpdate update{{{12, 7, {1}, {2}, {1}, {1}, 0}}, 9, 8};
-  update.objects = {{1, 7, {{{3.5f, 4}, 1.25f, -0.5f, 0.75f, {{0, 0}}, {12, 13}}}, 1}};
+  update.objects = {{1, 7, {{{3.5f, 4}, 1.25f, -0.5f, 0.75f, {{0, 0}}, {12, 13}, {268}}}, 1}};
   EXPECT_TRUE(lines.Write(update, TrackTable({})));
   const std::vector<json> all = Lines(out.str());
   ASSERT_EQ(all.size(), 2u);
   EXPECT_EQ(all[0]["name"], "12") << "a point that the server placed";
   EXPECT_EQ(all[1], json::parse(R"({"object": 1, "frame": 7, "x": 3.5, "y": 4.0, "scale": 1.25, "rotation": -0.5,
-                                    "visible": 0.75, "left": [12, 13], "final": true})"));
+                                    "visible": 0.75, "left": [12, 13], "joined": [268], "final": true})"));
 }
 
 TEST(TrackLinesTest, AnObjectsFramesAreTheInputsToo) {

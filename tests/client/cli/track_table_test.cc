@@ -140,7 +140,7 @@ StartObject TheObject() {
 }
 ObjectRun ObjectRunOf(int64_t first_frame, const std::vector<float>& x, int64_t final_count) {
   ObjectRun run{1, first_frame, {}, final_count};
-  for (const float value : x) run.samples.push_back({{value, 0}, 1, 0, 1, {}, {}});
+  for (const float value : x) run.samples.push_back({{value, 0}, 1, 0, 1, {}, {}, {}});
   return run;
 }
 
@@ -183,10 +183,41 @@ TEST(TrackTableTest, AnObjectStartsWhereItsFrameComesAndItsPointsHaveAPastWithBo
   EXPECT_EQ(table.tracks()[0].start.query.x, 5) << "where it was placed";
 }
 
+TEST(TrackTableTest, APointThatWasPlacedAnewTakesAPlaceFromWhichNothingMoreIsExpected) {
+  TrackTable table({}, TheObject(), TrackTable::Direction::kBoth);
+  for (int64_t number = 0; number < 9; ++number) table.AddFrame(number);
+  TrackUpdate update = Update(7, {RunOf(10, 2, {1, 1, 1, 1, 1}, 3), RunOf(11, 2, {2, 2, 2, 2, 2}, 3)});
+  update.objects = {ObjectRunOf(2, {7, 7, 7, 7, 7}, 3)};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  ASSERT_THAT(table.ApplyBackward(Update(0, {RunOf(10, 0, {1, 1}, 2), RunOf(11, 0, {2, 2}, 2)})), IsOk());
+  EXPECT_EQ(table.final_frames(), 5);
+  update = Update(7, {RunOf(10 + 256, 4, {5, 5, 5}, 1)});
+  update.objects = {ObjectRunOf(5, {8, 8}, 0)};
+  update.objects[0].samples[0].joined = {10 + 256};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  ASSERT_EQ(table.tracks().size(), 3u);
+  const TableTrack &before = table.tracks()[0], &anew = table.tracks()[2];
+  EXPECT_FALSE(table.WasPlacedAnew(before));
+  EXPECT_TRUE(table.WasPlacedAnew(anew));
+  EXPECT_EQ(anew.start.frame, 4);
+  EXPECT_EQ(anew.start.query.x, 5);
+  EXPECT_EQ(anew.first_frame, 4) << "what lay before it is its predecessor's";
+  EXPECT_EQ(TrackTable::Estimate(before, 4)->x, 1);
+  EXPECT_EQ(TrackTable::Estimate(before, 5), nullptr) << "void";
+  update = Update(9, {RunOf(10, 5, {3, 4}, 2), RunOf(11, 5, {2, 2, 2, 2}, 4), RunOf(10 + 256, 5, {5, 5, 5, 5}, 4)});
+  update.objects = {ObjectRunOf(5, {8, 8, 8, 8}, 4)};
+  ASSERT_THAT(table.Apply(update), IsOk());
+  EXPECT_EQ(TrackTable::Estimate(before, 6)->x, 4) << "its last final ones";
+  EXPECT_EQ(TrackTable::Estimate(before, 7), nullptr);
+  EXPECT_EQ(table.final_frames(), 9);
+  EXPECT_EQ(table.answered_frames(), 9);
+}
+
 TEST(TrackTableTest, ObjectsAndPointsOfObjectsThatWereNotAskedForAreRefused) {
   TrackTable table({Start(1, 0)}, TheObject());
   ASSERT_THAT(table.Apply(Update(5, {})), IsOk());
-  for (const PointRun& run : {RunOf(9, 2, {5}, 1), RunOf(11, 3, {5}, 1), RunOf(10 + 256, 2, {5}, 1)}) {
+  for (const PointRun& run :
+       {RunOf(9, 2, {5}, 1), RunOf(11, 3, {5}, 1), RunOf(10 + 256, 2, {5}, 1), RunOf(10 + 256, 3, {5}, 1)}) {
     EXPECT_THAT(table.Apply(Update(5, {run})), StatusIs(absl::StatusCode::kInternal)) << run.id;
   }
   TrackUpdate update = Update(5, {});

@@ -100,7 +100,12 @@ TEST(TrackWriterTest, ACompleteFileSaysSo) {
   EXPECT_EQ(ZipMember(dir.File("t.npz"), "complete.npy").back(), '\1');
 }
 
-TEST(TrackWriterTest, JsonHoldsTheObjectOnTheFramesOfTheInputThatItIsKnownOn) {
+template <typename T>
+std::string Bytes(const std::vector<T>& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+
+TEST(TrackWriterTest, FilesHoldTheObjectOnTheFramesOfTheInputThatItIsKnownOn) {
   const TempDir dir;
   StartObject object;
   object.query.id = 1;
@@ -108,15 +113,32 @@ TEST(TrackWriterTest, JsonHoldsTheObjectOnTheFramesOfTheInputThatItIsKnownOn) {
   object.first_point = 5;
   TrackTable table({{{4, 0, 0}, 7, "4"}}, object);
   for (const int64_t number : {7, 9, 11}) table.AddFrame(number);
-  TrackUpdate update{{{4, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 2}, {5, 1, {7}, {70}, {1}, {1}, 1}}, 3, 3};
-  update.objects = {{1, 1, {{{3.5f, 4}, 1.25f, -0.5f, 0.75f, {{0, 1}, {2, 3}}, {5}}}, 1}};
+  TrackUpdate update{
+      {{4, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 2}, {5, 1, {7}, {70}, {1}, {1}, 1}, {261, 2, {6}, {60}, {1}, {1}, 1}},
+      3,
+      3};
+  update.objects = {{1, 1, {{{3.5f, 4}, 1.25f, -0.5f, 0.75f, {{0, 1}, {2, 3}}, {5}, {261}}}, 1}};
   ASSERT_THAT(table.Apply(update), IsOk());
   ASSERT_THAT(WriteTracks(dir.File("t.json"), table, kVideo, kPartial), IsOk());
   EXPECT_EQ(nlohmann::json::parse(Content(dir.File("t.json")))["objects"], nlohmann::json::parse(R"([{"id": 1,
-      "points": [5], "frames": [9], "xy": [[3.5, 4]], "scale": [1.25], "rotation": [-0.5], "visible": [0.75],
-      "outline": [[[0, 1], [2, 3]]], "left": [[5]]}])"));
+      "points": [5, 261], "frames": [9], "xy": [[3.5, 4]], "scale": [1.25], "rotation": [-0.5], "visible": [0.75],
+      "outline": [[[0, 1], [2, 3]]], "left": [[5]], "joined": [[261]]}])"));
   ASSERT_THAT(WriteTracks(dir.File("t.csv"), table, kVideo, kPartial), IsOk());
   EXPECT_THAT(Content(dir.File("t.csv")), HasSubstr("\n5,9,7.000,70.000,1,1.000\n"));
+  EXPECT_EQ(Content(dir.File("t.objects.csv")),
+            "object,frame,x,y,scale,rotation,visible,outline,left,joined\n"
+            "1,9,3.500,4.000,1.2500,-0.5000,0.7500,0.000 1.000;2.000 3.000,5,261\n");
+  ASSERT_THAT(WriteTracks(dir.File("t.npz"), table, kVideo, kPartial), IsOk());
+  const auto array = [&](const char* name) { return ZipMember(dir.File("t.npz"), name).substr(128); };
+  EXPECT_EQ(array("left.npy"), std::string("\0\0\0\0\1\0\0\0\0", 9));
+  EXPECT_EQ(array("of_object.npy"), Bytes<int64_t>({-1, 1, 1}));
+  EXPECT_EQ(array("replaces.npy"), Bytes<int64_t>({-1, -1, 1}));
+  EXPECT_EQ(array("object_ids.npy"), Bytes<int64_t>({1}));
+  EXPECT_EQ(array("object_centre.npy").substr(8, 8), Bytes<float>({3.5F, 4}));
+  EXPECT_EQ(array("object_visible.npy"), Bytes<float>({0, 0.75F, 0}));
+  EXPECT_EQ(array("object_outline.npy").substr(16, 16), Bytes<float>({0, 1, 2, 3}));
+  EXPECT_THAT(ZipMember(dir.File("t.npz"), "object_outline.npy"),
+              HasSubstr("'<f4', 'fortran_order': False, 'shape': (1, 3, 2, 2), }"));
   ASSERT_THAT(WriteTracks(dir.File("t.json"), Example(), kVideo, kPartial), IsOk());
   EXPECT_FALSE(nlohmann::json::parse(Content(dir.File("t.json"))).contains("objects"));
 }
