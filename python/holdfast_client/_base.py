@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar, Union
 from . import errors
 from ._channel import Tls, addresses_of, open_channel
 from ._frames import Frame, FrameCodec, Points, to_points
-from ._objects import Objects, to_objects
+from ._objects import Objects, Placement, to_objects
 from ._plan import Reconnect, Route
 from ._proto import point_tracking_pb2 as pb
 from ._session import SessionState, Update
@@ -23,9 +23,9 @@ _UNSENT = 4  # messages that wait before push() does: so a slow server slows its
 class BaseSession:
     """One video: the messages of its frames and points, what came back, and how it ended."""
 
-    def __init__(self, client: BaseClient[Any], config: pb.SessionConfig, encoding: str, object_points: int) -> None:
+    def __init__(self, client: BaseClient[Any], config: pb.SessionConfig, encoding: str, placement: Placement) -> None:
         self._client = client
-        self._object_points = object_points
+        self._placement = placement
         self._encoding = encoding
         self._codec: FrameCodec | None = None  # the first frame settles it, and opens the session
         self._frames = 0  # sent
@@ -60,7 +60,7 @@ class BaseSession:
         message.frame.index = self._frames
         message.frame.data = self._codec.data(frame)
         message.frame.points.extend(to_points(points))
-        message.frame.objects.extend(to_objects(objects, self._object_points))
+        message.frame.objects.extend(to_objects(objects, self._placement))
         if capture_time is not None:
             message.frame.capture_time.FromDatetime(capture_time)
         return message
@@ -115,7 +115,7 @@ class BaseClient(Generic[SessionType]):
     """The servers, and what they are told of every session."""
 
     _grpc: Any  # grpc or grpc.aio: whose channels these are
-    _session_type: Callable[[Any, pb.SessionConfig, str, int], SessionType]
+    _session_type: Callable[[Any, pb.SessionConfig, str, Placement], SessionType]
 
     def __init__(self, address: Union[str, Sequence[str]] = "localhost:50051", *, tls: Union[bool, Tls] = False,
                  token: str | None = None, reconnect: Reconnect | None = Reconnect(), timeout: float = 30.0) -> None:
@@ -130,11 +130,12 @@ class BaseClient(Generic[SessionType]):
         """Before there are channels."""
 
     def session(self, points: Points = (), *, objects: Objects | None = None, object_points: int = 0,
-                size: tuple[int, int] | None = None, hop: int = 0, iterations: int = 0, every_frame: bool = False,
-                final_only: bool = False, encoding: str = "auto", label: str = "",
+                reseed: bool = True, size: tuple[int, int] | None = None, hop: int = 0, iterations: int = 0,
+                every_frame: bool = False, final_only: bool = False, encoding: str = "auto", label: str = "",
                 frames_per_second: float = 0.0) -> SessionType:
         """A live session; `points` are queried at its first frame, and so are `objects`: masks (bool or uint8 [H, W],
-        or PNG bytes) or polygons ([N, 2]) by id, on each of which the server places `object_points` points (0: 64).
+        or PNG bytes) or polygons ([N, 2]) by id, on each of which the server places `object_points` points (0: 64);
+        `reseed`: those that have left their object are placed anew while it is in sight.
 
         `size`: of processing, (width, height); `hop`, `iterations`: 0 leaves them to the server; `every_frame`: an
         estimate at once for each frame; `final_only`: no estimates that may still be revised; `encoding`: of arrays,
@@ -148,8 +149,9 @@ class BaseClient(Generic[SessionType]):
             config.processing_size.width, config.processing_size.height = size
         if self.reconnect is not None:
             config.checkpoint_interval_frames = self.reconnect.checkpoint_interval
-        config.objects.extend(to_objects(objects or {}, object_points))
-        return self._session_type(self, config, encoding, object_points)
+        placement = Placement(object_points, reseed)
+        config.objects.extend(to_objects(objects or {}, placement))
+        return self._session_type(self, config, encoding, placement)
 
     def _info_call(self, server: int) -> Any:
         ask = self._channels[server].unary_unary(_SERVICE + "GetServerInfo", pb.GetServerInfoRequest.SerializeToString,

@@ -32,7 +32,7 @@ class Backward:
     @staticmethod
     def without_objects(options: dict[str, Any]) -> dict[str, Any]:
         """An object is queried at the first frame of the video, which has no frames before it."""
-        return {name: value for name, value in options.items() if name not in ("objects", "object_points")}
+        return {name: value for name, value in options.items() if name not in ("objects", "object_points", "reseed")}
 
     def merge(self, after: Tracks, before: Tracks) -> Tracks:
         """`before`, which is of this video, where it speaks of frames before a point's query; otherwise `after`."""

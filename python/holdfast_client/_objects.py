@@ -17,11 +17,17 @@ Shape = Union[bytes, np.ndarray, Sequence[Sequence[float]]]
 Objects = Mapping[int, Shape]
 
 _FIRST_POINT = 1 << 63
+_PLACES = 256  # of an object: indices that are the same modulo it share a place
 
 
 def object_of(point: int) -> int | None:
     """The object that a point's id belongs to; None: to none."""
     return (point >> 32) & 0x7FFFFFFF if point >= _FIRST_POINT else None
+
+
+def replaced_by(point: int) -> int | None:
+    """The id of the point in whose place this one was placed anew; None: it was not."""
+    return point - _PLACES if point >= _FIRST_POINT and point & 0xFFFFFFFF >= _PLACES else None
 
 
 def _png(mask: np.ndarray) -> bytes:
@@ -35,21 +41,32 @@ def _png(mask: np.ndarray) -> bytes:
             + chunk(b"IDAT", zlib.compress(rows.tobytes())) + chunk(b"IEND", b""))
 
 
-def _to_object(key: int, shape: Shape, points: int) -> pb.Object:
+@dataclass(frozen=True)
+class Placement:
+    """Of objects' points: how many on each, 0 leaves it to the server, and whether those that leave are placed anew."""
+
+    points: int = 0
+    reseed: bool = True
+
+
+def _to_object(key: int, shape: Shape, placement: Placement) -> pb.Object:
+    made = pb.Object(id=key, points=placement.points, reseed=placement.reseed)
     if isinstance(shape, bytes):
-        return pb.Object(id=key, points=points, mask_png=shape)
+        made.mask_png = shape
+        return made
     array = np.asarray(shape)
     if array.ndim == 2 and array.dtype in (np.bool_, np.uint8):
-        return pb.Object(id=key, points=points, mask_png=_png(array))
+        made.mask_png = _png(array)
+        return made
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"object {key} is {array.dtype} {list(array.shape)}, expected a mask, bool or uint8 [H, W], "
                          "or the corners of a polygon, [N, 2]")
-    return pb.Object(id=key, points=points, polygon=pb.Polygon(x=array[:, 0], y=array[:, 1]))
+    made.polygon.CopyFrom(pb.Polygon(x=array[:, 0], y=array[:, 1]))
+    return made
 
 
-def to_objects(objects: Objects, points: int = 0) -> list[pb.Object]:
-    """`points`: on each, 0 leaves it to the server."""
-    return [_to_object(key, shape, points) for key, shape in objects.items()]
+def to_objects(objects: Objects, placement: Placement = Placement()) -> list[pb.Object]:
+    return [_to_object(key, shape, placement) for key, shape in objects.items()]
 
 
 @dataclass(frozen=True)
@@ -64,6 +81,7 @@ class ObjectRun:
     visible: np.ndarray  # float32 [n]
     outline: tuple[np.ndarray, ...]  # n times float32 [corners, 2]
     left: tuple[frozenset[int], ...]  # n times ids of points
+    joined: tuple[frozenset[int], ...]  # n times ids of points
     final_count: int  # the first so many will never be revised
 
 
@@ -77,6 +95,8 @@ class ObjectTrack:
     visible   float32 [T], 0 .. 1: the share of the points that it still has which are visible
     outline   for each frame float32 [corners, 2], convex; None where nothing is known
     left      for each frame the ids of its points that do not move with it any more
+    joined    for each frame the ids of its points that were placed anew just before it: id - 256 is the point in whose
+              place one was, which ends within a window
     final     bool [T]; True: this will never be revised
     """
 
@@ -86,6 +106,7 @@ class ObjectTrack:
     visible: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
     outline: list[np.ndarray | None] = field(default_factory=list)
     left: list[frozenset[int]] = field(default_factory=list)
+    joined: list[frozenset[int]] = field(default_factory=list)
     final: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     def grow(self, frames: int) -> None:
@@ -99,6 +120,7 @@ class ObjectTrack:
         self.visible = np.concatenate([self.visible, np.zeros(missing, np.float32)])
         self.outline += [None] * missing
         self.left += [frozenset()] * missing
+        self.joined += [frozenset()] * missing
         self.final = np.concatenate([self.final, np.zeros(missing, bool)])
 
     def add(self, run: ObjectRun) -> None:
@@ -106,7 +128,7 @@ class ObjectTrack:
         span = slice(run.first_frame, run.first_frame + len(run.scale))
         self.centre[span], self.scale[span], self.rotation[span] = run.centre, run.scale, run.rotation
         self.visible[span] = run.visible
-        self.outline[span], self.left[span] = run.outline, run.left
+        self.outline[span], self.left[span], self.joined[span] = run.outline, run.left, run.joined
         self.final[run.first_frame:run.first_frame + run.final_count] = True
 
 
@@ -118,4 +140,5 @@ def to_run(run: pb.ObjectRun) -> ObjectRun:
     outlines = (np.stack([sample.outline_x, sample.outline_y], axis=1) for sample in samples)
     return ObjectRun(run.id, run.first_frame, np.stack([floats("x"), floats("y")], axis=1), floats("scale"),
                      floats("rotation"), floats("visible"), tuple(outline.astype(np.float32) for outline in outlines),
-                     tuple(frozenset(sample.left) for sample in samples), run.final_count)
+                     tuple(frozenset(sample.left) for sample in samples),
+                     tuple(frozenset(sample.joined) for sample in samples), run.final_count)

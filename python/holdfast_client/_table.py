@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ._objects import ObjectRun, ObjectTrack
+from ._objects import ObjectRun, ObjectTrack, replaced_by
 from ._proto import point_tracking_pb2 as pb
 from .tracks import Tracks
 
@@ -31,6 +31,11 @@ class _Row:
         self.confidence = np.concatenate([self.confidence, np.zeros(missing, np.float32)])
         self.final = np.concatenate([self.final, np.zeros(missing, bool)])
 
+    def drop_void(self) -> None:
+        """Estimates that are not final."""
+        void = ~self.final
+        self.xy[void], self.visible[void], self.confidence[void] = np.nan, False, 0
+
 
 class TrackTable:
     """Collects updates; the newest estimate of a sample stands. Not thread-safe."""
@@ -38,6 +43,7 @@ class TrackTable:
     def __init__(self) -> None:
         self._rows: dict[int, _Row] = {}
         self._objects: dict[int, ObjectTrack] = {}
+        self._replaced: set[int] = set()  # points in whose place others are: what is not final of them is void
         self._frames = 0
 
     def add(self, run: pb.PointRun) -> None:
@@ -54,12 +60,16 @@ class TrackTable:
 
     def add_object(self, run: ObjectRun) -> None:
         self._objects.setdefault(run.id, ObjectTrack()).add(run)
+        self._replaced.update(replaced for point in frozenset().union(*run.joined)
+                              if (replaced := replaced_by(point)) is not None)
 
     def tracks(self, frames: int = 0) -> Tracks:
         """All of it, over at least so many frames."""
         frames, ids = max(frames, self._frames), sorted(self._rows)
-        for row in self._rows.values():
+        for point, row in self._rows.items():
             row.grow(frames)
+            if point in self._replaced:
+                row.drop_void()
         rows = [self._rows[point] for point in ids]
 
         def stack(name: str, empty: np.ndarray) -> np.ndarray:

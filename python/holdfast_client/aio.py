@@ -18,7 +18,7 @@ from ._base import BaseClient, BaseSession
 from ._both import Backward
 from ._channel import Tls
 from ._frames import Frame, Points
-from ._objects import Objects
+from ._objects import Objects, Placement
 from ._plan import Attempt, CallFailed, Reconnect, broken, judge, late
 from ._proto import point_tracking_pb2 as pb
 from ._queries import Queried, Queries
@@ -34,8 +34,8 @@ class Session(BaseSession):
     """
 
     def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str,
-                 object_points: int) -> None:
-        super().__init__(client, config, encoding, object_points)
+                 placement: Placement) -> None:
+        super().__init__(client, config, encoding, placement)
         self._changed = asyncio.Event()  # another one after each change
         self._call: Any = None  # the one that messages are for
         self._runner: asyncio.Task[None] | None = None

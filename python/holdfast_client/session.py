@@ -11,7 +11,7 @@ import grpc
 
 from ._base import BaseClient, BaseSession
 from ._frames import Frame, Points
-from ._objects import Objects
+from ._objects import Objects, Placement
 from ._plan import Attempt, CallFailed, broken, judge, late
 from ._proto import point_tracking_pb2 as pb
 from ._session import Update
@@ -23,8 +23,8 @@ class Session(BaseSession):
     by an exception is cancelled, otherwise finished."""
 
     def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str,
-                 object_points: int) -> None:
-        super().__init__(client, config, encoding, object_points)
+                 placement: Placement) -> None:
+        super().__init__(client, config, encoding, placement)
         self._changed = threading.Condition()
         # Guarded by _changed, as is what the base class has but the frames' encoding and count.
         self._call: Any = None

@@ -10,6 +10,7 @@ import numpy as np
 
 from ._export import Path, write_cvat_xml, write_dlc_csv
 from ._frames import Frame
+from ._object_export import object_arrays, write_objects_csv
 from ._objects import ObjectTrack, object_of
 from ._picture import Picture, draw
 
@@ -54,9 +55,13 @@ class Tracks:
         return np.array([point for point in self.ids if object_of(int(point)) == key], np.uint64)
 
     def to_npz(self, path: Path) -> None:
-        """Writes all of it but the objects, under the names above, for numpy.load."""
+        """Writes all of it, under the names above, for numpy.load. Of O objects, where there are any: object_ids int64
+        [O]; object_centre [O, T, 2], object_scale, object_rotation and object_visible [O, T] and object_outline
+        [O, T, C, 2] float32, NaN where nothing is known and behind an outline's last corner. Of their points, then:
+        of_object int64 [N] (the object's id, -1: none), replaces int64 [N] (the row of the point in whose place it
+        was placed anew, -1: none) and left bool [N, T]. As in the .npz of `holdfast track`."""
         np.savez_compressed(path, ids=self.ids, xy=self.xy, visible=self.visible, confidence=self.confidence,
-                            final=self.final)
+                            final=self.final, **object_arrays(self))
 
     def to_csv(self, path: Path) -> None:
         """Writes a line for each known sample: id,frame,x,y,visible,confidence,final."""
@@ -67,6 +72,12 @@ class Tracks:
                 x, y = self.xy[row, frame]
                 writer.writerow([self.ids[row], frame, f"{x:.3f}", f"{y:.3f}", int(self.visible[row, frame]),
                                  f"{self.confidence[row, frame]:.4f}", int(self.final[row, frame])])
+
+    def to_objects_csv(self, path: Path) -> None:
+        """Writes a line for each frame of an object: object,frame,x,y,scale,rotation,visible,outline,left,joined, where
+        outline is "x y;x y;..." and the last two are ids with spaces between. As `holdfast track --out=x.csv` writes
+        x.objects.csv beside x.csv."""
+        write_objects_csv(self, path)
 
     def to_dlc_csv(self, path: Path, scorer: str = "holdfast", names: Mapping[int, str] | None = None) -> None:
         """Writes DeepLabCut's CSV of one animal, which napari, movement, SLEAP's tools and pandas read: rows scorer,

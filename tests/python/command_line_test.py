@@ -6,6 +6,7 @@ Usage: command_line_test.py HOLDFAST_SERVER PROTOC HOLDFAST
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -66,14 +67,14 @@ class CommandLineTest(support.ServedTest, unittest.TestCase):
             Image.fromarray(picture).save(self.folder / f"frames/{number:03}.png")
         (self.folder / "points.json").write_text(json.dumps(QUERIES), encoding="utf-8")
 
-    def command_line(self, name):
+    def command_line(self, name, *points):
         """The file that it writes, and the frames that it sent."""
         tap = Tap(self.server.address)
         self.addCleanup(tap.stop)
         environment = {name: value for name, value in os.environ.items() if not name.startswith("HOLDFAST_")}
-        done = subprocess.run([HOLDFAST, "track", self.folder / "frames", f"--server={tap.address}", f"--out={name}",
-                               "--points=points.json"], cwd=self.folder, env=environment, capture_output=True,
-                              text=True, check=False)
+        command = [HOLDFAST, "track", self.folder / "frames", f"--server={tap.address}", f"--out={name}",
+                   *(points or ["--points=points.json"])]
+        done = subprocess.run(command, cwd=self.folder, env=environment, capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(len(tap.frames), len(PICTURES))
         return self.folder / name, tap.frames
@@ -97,6 +98,49 @@ class CommandLineTest(support.ServedTest, unittest.TestCase):
             written, _ = self.command_line(f"t.{name}")
             self.assertEqual((self.folder / f"p.{name}").read_text(), written.read_text())
         self.assertIn('outside="1"', written.read_text())
+
+    def test_objects_and_who_was_placed_anew_are_the_same(self):
+        still = 84  # columns from here on stand still: points of the object that lie there leave it
+        for number, picture in enumerate(PICTURES):
+            parts = np.concatenate([picture[:, :still], PICTURES[0][:, still:]], axis=1)
+            Image.fromarray(parts).save(self.folder / f"frames/{number:03}.png")
+        mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+        mask[20:76, 6:92] = 255
+        Image.fromarray(mask).save(self.folder / "mask.png")
+        arrays, frames = self.command_line("t.npz", "--mask=mask.png", "--grid=30")
+        expected = dict(np.load(arrays))
+        with holdfast_client.Client(self.server.address) as client:
+            tracks = client.track(frames, [], objects={1: mask}, object_points=30)
+            kept = client.track(frames, [], objects={1: mask}, object_points=30, reseed=False)
+        tracks.to_npz(self.folder / "p.npz")
+        found = dict(np.load(self.folder / "p.npz"))
+        first = (1 << 63) + (1 << 32)  # which the command line calls 1
+        rows = np.argsort(expected["ids"])
+        np.testing.assert_array_equal((found["ids"] - np.uint64(first) + np.uint64(1)).astype(np.int64),
+                                      expected["ids"][rows])
+        for name in ("left", "of_object"):
+            np.testing.assert_array_equal(found[name], expected[name][rows])
+        for name in ("ids", "centre", "scale", "rotation", "visible", "outline"):
+            self.assertEqual(found[f"object_{name}"].dtype, expected[f"object_{name}"].dtype)
+            np.testing.assert_allclose(found[f"object_{name}"], expected[f"object_{name}"], atol=2e-3)
+        anew = found["replaces"] >= 0
+        self.assertGreater(anew.sum(), 0)
+        np.testing.assert_array_equal(found["ids"][found["replaces"][anew]] + np.uint64(256), found["ids"][anew])
+        self.assertEqual(sum(len(points) for points in tracks.objects[1].joined), anew.sum())
+        self.assertEqual(len(kept), 30)
+
+        tracks.to_objects_csv(self.folder / "p.objects.csv")
+        self.command_line("t.csv", "--mask=mask.png", "--grid=30")
+        lines, same = ([line.split(",") for line in (self.folder / f"{name}.objects.csv").read_text().splitlines()]
+                       for name in ("p", "t"))
+        self.assertEqual(len(lines), 1 + len(PICTURES))
+        self.assertEqual(lines[0], same[0])
+        for line, other in zip(lines[1:], same[1:]):
+            self.assertEqual([[int(point) - first + 1 for point in column.split()] for column in line[8:]],
+                             [[int(point) for point in column.split()] for column in other[8:]])
+            numbers, others = ([float(number) for number in re.split("[,; ]", ",".join(columns[:8]))]
+                               for columns in (line, other))
+            np.testing.assert_allclose(numbers, others, atol=2e-3)
 
 
 if __name__ == "__main__":
