@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// holdfast-objects-benchmark: how well the points of an object tell who of them has left it, on synthetic scenes whose
-// every place is known. Points are placed on an object's mask in the first frame and followed through the engine that
-// serves; the group's word on each frame is held against where the scene has the object.
+// holdfast-objects-benchmark: how well the points of an object hold to it, and tell who of them has left it, on
+// synthetic scenes whose every place is known. Objects are asked for by their masks in the first frame, through the
+// engine that serves; what is said of them on each frame is held against where the scene has them.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <iostream>
 #include <map>
+#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 #include <string>
@@ -24,17 +25,17 @@
 #include "server/engine/engine.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/metrics.h"
-#include "server/engine/objects/object_group.h"
-#include "server/engine/objects/placement.h"
 #include "training/data/synthetic/renderer.h"
 #include "training/data/synthetic/scene.h"
 
 ABSL_FLAG(int64_t, count, 24, "Makes this many clips.");
+ABSL_FLAG(int64_t, first, 0, "Makes the clips from this one on.");
 ABSL_FLAG(uint64_t, seed, 70001, "Seeds the clips.");
 ABSL_FLAG(int64_t, frames, 64, "Makes each clip this many frames long.");
 ABSL_FLAG(double, motion, 0.4,
           "Scales every motion by this number from 0 (nothing moves) to 1, as training clips have.");
 ABSL_FLAG(int, points, 48, "Places this many points on an object.");
+ABSL_FLAG(bool, reseed, true, "Has points that have left placed anew.");
 ABSL_FLAG(std::string, pictures, "", "Takes pictures from this directory's objects/ and backgrounds/.");
 ABSL_FLAG(std::string, weights, "", "Tracks with these weights; empty: the shipped ones.");
 
@@ -61,7 +62,7 @@ struct Followed {
   const Layer* layer = nullptr;
   std::vector<cv::Point> covered;  // in the first frame
   cv::Mat solid;                   // of its texture: not zero where it has something, and a little around
-  std::vector<PointQuery> points;
+  ObjectQuery query;
   std::map<PointId, PointRun> runs;
   ObjectRun said;
 };
@@ -95,20 +96,18 @@ struct Findings {
 struct Tally {
   int64_t objects = 0, points = 0;
   Findings all;
-  Findings held;  // on the frames where at least half of an object's estimates are on it
-  std::map<int64_t, Mean> overlap, points_overlap, centre;  // by frame; of the centre, distances over the object's size
+  Findings held;        // on the frames where at least half of an object's estimates are on it
+  Share anew_in_sight;  // of points that were placed anew, those that were where the object could be seen
+  Share anew_on;        // and those on it, seen or not
+  // By frame; of the centre, distances over the object's size. Of the points, those that have not left by the group's
+  // word: how many of those asked for are visible by the tracker's word, and how many of them right.
+  std::map<int64_t, Mean> overlap, points_overlap, centre, seen, on;
 };
 
-GrayImage MaskOf(const cv::Mat& ids, int32_t id) {
-  GrayImage mask{{ids.cols, ids.rows}, std::vector<uint8_t>(ids.total())};
-  for (size_t i = 0; i < mask.pixels.size(); ++i) mask.pixels[i] = ids.at<int32_t>(static_cast<int>(i)) == id ? 255 : 0;
-  return mask;
-}
-
-GrayImage GrayOf(const cv::Mat& rgb) {
-  cv::Mat gray;
-  cv::cvtColor(rgb, gray, cv::COLOR_RGB2GRAY);
-  return {{gray.cols, gray.rows}, {gray.begin<uint8_t>(), gray.end<uint8_t>()}};
+std::string MaskOf(const cv::Mat& ids, int32_t id) {
+  std::vector<uint8_t> png;
+  cv::imencode(".png", ids == id, png);
+  return {png.begin(), png.end()};
 }
 
 absl::StatusOr<Clip> MakeClip(int64_t index, const PictureLibrary* library) {
@@ -138,10 +137,10 @@ std::optional<Followed> Follow(const Clip& clip, const Layer& layer, ObjectId id
   cv::extractChannel(layer.texture, object.solid, 3);
   cv::dilate(object.solid >= 128, object.solid,
              cv::getStructuringElement(cv::MORPH_ELLIPSE, {2 * kRim + 1, 2 * kRim + 1}));
-  const auto places = PlacePoints(GrayOf(clip.frames[0]), MaskOf(clip.ids[0], layer.id), absl::GetFlag(FLAGS_points));
-  for (const FlowPoint& place : places) {
-    object.points.push_back({ObjectPointId(id, static_cast<uint32_t>(object.points.size())), place.x, place.y});
-  }
+  object.query.id = id;
+  object.query.mask_png = MaskOf(clip.ids[0], layer.id);
+  object.query.points = absl::GetFlag(FLAGS_points);
+  object.query.reseed = absl::GetFlag(FLAGS_reseed);
   return object;
 }
 
@@ -150,7 +149,9 @@ class Finals final : public TrackObserver {
   explicit Finals(std::vector<Followed>& objects) : objects_(objects) {}
   void OnTracks(TrackUpdate update) override {
     for (PointRun& run : update.runs) {
-      PointRun& whole = objects_[ObjectOf(run.id)].runs[run.id];
+      const auto [place, added] = objects_[ObjectOf(run.id)].runs.try_emplace(run.id);
+      PointRun& whole = place->second;
+      if (added) whole.first_frame = run.first_frame;
       whole.id = run.id;
       const auto append = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
       append(whole.x, run.x);
@@ -158,6 +159,10 @@ class Finals final : public TrackObserver {
       append(whole.visible, run.visible);
       append(whole.confidence, run.confidence);
       whole.final_count = static_cast<int64_t>(whole.x.size());
+    }
+    for (ObjectRun& run : update.objects) {
+      std::vector<ObjectSample>& samples = objects_[run.id].said.samples;
+      samples.insert(samples.end(), run.samples.begin(), run.samples.end());
     }
   }
   void OnDone(const absl::Status&, const SessionSummary&) override {}
@@ -171,9 +176,7 @@ absl::Status Track(const Clip& clip, std::vector<Followed>& objects, PointTracke
   config.encoding = FrameEncoding::kRgb24;
   config.raw_size = {kWidth, kHeight};
   config.send_provisional = false;
-  for (const Followed& object : objects) {
-    config.points.insert(config.points.end(), object.points.begin(), object.points.end());
-  }
+  for (const Followed& object : objects) config.objects.push_back(object.query);
   Finals finals(objects);
   auto stream = tracker.Open(config, finals);
   if (!stream.ok()) return stream.status();
@@ -200,23 +203,33 @@ struct Judged {
   bool seen = false, on = false, right = false, flagged = false;
 };
 
-// A point frame by frame.
-std::vector<Judged> JudgePoint(const Clip& clip, const Followed& object, const PointQuery& query) {
-  const PointRun& run = object.runs.at(query.id);
-  const cv::Point2d plane = clip.scene.MapAt(*object.layer, 0).PlaneFromImage({query.x, query.y});
-  std::vector<Judged> judged(run.x.size());
-  for (size_t t = 0; t < judged.size(); ++t) {
+// A point frame by frame; on those before its first, nothing.
+std::vector<Judged> JudgePoint(const Clip& clip, const Followed& object, const PointRun& run) {
+  const auto first = static_cast<size_t>(run.first_frame);
+  const PlaneMap queried = clip.scene.MapAt(*object.layer, static_cast<double>(first));
+  const cv::Point2d plane = queried.PlaneFromImage({run.x[0], run.y[0]});
+  std::vector<Judged> judged(object.said.samples.size());
+  for (size_t i = 0; i < run.x.size(); ++i) {
+    const size_t t = first + i;
     const PlaneMap map = clip.scene.MapAt(*object.layer, static_cast<double>(t));
-    const cv::Point2d texture = map.PlaneFromImage({run.x[t], run.y[t]}) + object.layer->Centre();
+    const cv::Point2d texture = map.PlaneFromImage({run.x[i], run.y[i]}) + object.layer->Centre();
     const cv::Point pixel(cvRound(texture.x), cvRound(texture.y));
-    const cv::Point2d apart = cv::Point2d(run.x[t], run.y[t]) - map.ImageFromPlane(plane);
+    const cv::Point2d apart = cv::Point2d(run.x[i], run.y[i]) - map.ImageFromPlane(plane);
     const std::vector<PointId>& left = object.said.samples[t].left;
-    judged[t].seen = run.visible[t] != 0;
+    judged[t].seen = run.visible[i] != 0;
     judged[t].on = cv::Rect({0, 0}, object.solid.size()).contains(pixel) && object.solid.at<uint8_t>(pixel) != 0;
     judged[t].right = std::hypot(apart.x * 256 / kWidth, apart.y * 256 / kHeight) < kRightPixels;
-    judged[t].flagged = std::binary_search(left.begin(), left.end(), query.id);
+    judged[t].flagged = std::binary_search(left.begin(), left.end(), run.id);
   }
   return judged;
+}
+
+// Where it was placed, of a point that was placed anew.
+void JudgePlace(const Clip& clip, const Followed& object, const PointRun& run, const Judged& first, Tally& tally) {
+  if (!IsPlacedAnew(run.id)) return;
+  const cv::Mat& ids = clip.ids[static_cast<size_t>(run.first_frame)];
+  tally.anew_in_sight.Add(ids.at<int32_t>(cvRound(run.y[0]), cvRound(run.x[0])) == object.layer->id);
+  tally.anew_on.Add(first.on);
 }
 
 // 'counts': the frames that do.
@@ -242,7 +255,10 @@ void Count(const std::vector<Judged>& point, const std::vector<bool>& counts, Fi
 
 void JudgePoints(const Clip& clip, const Followed& object, Tally& tally) {
   std::vector<std::vector<Judged>> points;
-  for (const PointQuery& query : object.points) points.push_back(JudgePoint(clip, object, query));
+  for (const auto& [id, run] : object.runs) {
+    points.push_back(JudgePoint(clip, object, run));
+    JudgePlace(clip, object, run, points.back()[static_cast<size_t>(run.first_frame)], tally);
+  }
   const size_t frames = points[0].size();
   std::vector<bool> held(frames), all(frames, true);
   for (size_t t = 0; t < frames; ++t) {
@@ -251,6 +267,15 @@ void JudgePoints(const Clip& clip, const Followed& object, Tally& tally) {
       if (point[t].seen) on.Add(point[t].on);
     }
     held[t] = on.whole > 0 && 2 * on.part >= on.whole;
+    if (t == 0 || t % 8 != 0) continue;
+    Share seen, right;
+    for (const auto& point : points) {
+      if (!point[t].seen || point[t].flagged) continue;
+      seen.Add(true);
+      right.Add(point[t].on);
+    }
+    tally.seen[static_cast<int64_t>(t)].Add(static_cast<double>(seen.part) / object.query.points);
+    if (right.whole > 0) tally.on[static_cast<int64_t>(t)].Add(static_cast<double>(right.part) / right.whole);
   }
   for (const auto& point : points) {
     Count(point, all, tally.all);
@@ -275,7 +300,10 @@ void JudgeOutline(const Clip& clip, const Followed& object, Tally& tally) {
     for (const cv::Point& pixel : object.covered) truth.emplace_back(moved(cv::Point2d(pixel)));
     const ObjectSample& sample = object.said.samples[t];
     for (const Pixel& corner : sample.outline) said.emplace_back(corner.x, corner.y);
-    for (const auto& [id, run] : object.runs) points.emplace_back(run.x[t], run.y[t]);
+    for (const auto& [id, run] : object.runs) {
+      const int64_t i = static_cast<int64_t>(t) - run.first_frame;
+      if (i >= 0 && i < run.final_count) points.emplace_back(run.x[i], run.y[i]);
+    }
     const auto frame = static_cast<int64_t>(t);
     tally.overlap[frame].Add(Overlap(truth, said));
     tally.points_overlap[frame].Add(Overlap(truth, points));
@@ -284,13 +312,9 @@ void JudgeOutline(const Clip& clip, const Followed& object, Tally& tally) {
   }
 }
 
-void Judge(const Clip& clip, Followed& object, Tally& tally) {
-  const ObjectShape shape = ShapeOf(MaskOf(clip.ids[0], object.layer->id));
-  ObjectGroup group(ObjectOf(object.points[0].id), 0, shape, object.points);
-  for (const auto& [id, run] : object.runs) group.Add(run);
-  object.said = group.TakeRun(/*provisional=*/false).value_or(ObjectRun());
+void Judge(const Clip& clip, const Followed& object, Tally& tally) {
   ++tally.objects;
-  tally.points += static_cast<int64_t>(object.points.size());
+  tally.points += static_cast<int64_t>(object.runs.size());
   JudgePoints(clip, object, tally);
   JudgeOutline(clip, object, tally);
 }
@@ -312,11 +336,15 @@ void Print(const Tally& tally) {
   std::cout << absl::StrFormat("%d objects, %d points\n", tally.objects, tally.points);
   Print("where at least half of an object's estimates are on it", tally.held);
   Print("all frames", tally.all);
-  std::cout << "frame  overlap of outlines  hull of all points  centre off (of its size)  objects in sight\n";
+  std::cout << "placed anew, on the object          " << Text(tally.anew_on) << "\nplaced anew, where it is in sight   "
+            << Text(tally.anew_in_sight) << "\n";
+  std::cout << "frame  overlap of outlines  hull of all points  centre off (of its size)  objects in sight  points seen"
+            << " (of those asked for)  of these on the object\n";
   const auto of = [](const Mean& mean) { return mean.sum / static_cast<double>(mean.count); };
   for (const auto& [frame, overlap] : tally.overlap) {
-    std::cout << absl::StrFormat("%5d  %19.3f  %18.3f  %24.3f  %16d\n", frame, of(overlap),
-                                 of(tally.points_overlap.at(frame)), of(tally.centre.at(frame)), overlap.count);
+    std::cout << absl::StrFormat("%5d  %19.3f  %18.3f  %24.3f  %16d  %33.3f  %22.3f\n", frame, of(overlap),
+                                 of(tally.points_overlap.at(frame)), of(tally.centre.at(frame)), overlap.count,
+                                 of(tally.seen.at(frame)), of(tally.on.at(frame)));
   }
 }
 
@@ -341,7 +369,7 @@ absl::Status Run() {
   }
   Tally tally;
   for (int64_t index = 0; index < absl::GetFlag(FLAGS_count); ++index) {
-    const absl::StatusOr<Clip> clip = MakeClip(index, library.get());
+    const absl::StatusOr<Clip> clip = MakeClip(absl::GetFlag(FLAGS_first) + index, library.get());
     if (!clip.ok()) return clip.status();
     std::vector<Followed> objects;
     for (const Layer& layer : clip->scene.layers) {
@@ -350,7 +378,7 @@ absl::Status Run() {
     }
     if (objects.empty()) continue;
     if (absl::Status status = Track(*clip, objects, tracker); !status.ok()) return status;
-    for (Followed& object : objects) Judge(*clip, object, tally);
+    for (const Followed& object : objects) Judge(*clip, object, tally);
     std::cerr << absl::StrFormat("clip %d of %d\n", index + 1, absl::GetFlag(FLAGS_count));
   }
   Print(tally);
