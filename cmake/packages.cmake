@@ -14,6 +14,7 @@ find_package(ZLIB REQUIRED)
 if(HOLDFAST_SERVER OR HOLDFAST_TRAINING)
   find_package(Torch REQUIRED)
   find_package(prometheus-cpp CONFIG REQUIRED)
+  pkg_check_modules(turbojpeg REQUIRED IMPORTED_TARGET libturbojpeg)
   # Torch's own flags come with its target; only the directories are marked as not ours.
   add_library(holdfast_torch INTERFACE)
   target_include_directories(holdfast_torch SYSTEM INTERFACE ${TORCH_INCLUDE_DIRS})

@@ -22,10 +22,11 @@ struct FrameFormat {
 // png_check.h).
 absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& format);
 
-// Decodes to RGB, 8 bits a channel, in the orientation it is stored in, and resizes bilinearly to 'processing_size'.
+// Decodes to RGB, 8 bits a channel, in the orientation it is stored in, and resizes bilinearly to 'processing_size'. A
+// large JPEG is decoded at a half, a quarter or an eighth of its sides, where these are whole and leave enough pixels.
 // INVALID_ARGUMENT: broken or truncated bytes. Safe to call from several threads. REQUIRES: FrameSize said 'size' of
-// the bytes. 'gray' may be null; otherwise it gets the same picture in grey at the size it has, each pixel the mean of
-// those it covers.
+// the bytes. 'gray' may be null; otherwise it gets the same picture in grey at the size it has, each
+// pixel the mean of those it covers.
 absl::StatusOr<RgbImage> DecodeFrame(absl::string_view bytes, const FrameFormat& format, ImageSize size,
                                      ImageSize processing_size, GrayImage* gray = nullptr);
 

@@ -4,9 +4,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/support/check_and_decode.h"
@@ -110,13 +114,80 @@ TEST(FrameDecoderTest, SurvivesEveryBrokenByte) {
       for (const char value : {'\x00', '\xFF', '\x7F'}) {
         std::string broken = whole;
         broken[at] = value;
-        const auto image = CheckAndDecode(broken, Format(encoding), {32, 32});
-        if (image.ok()) {
-          EXPECT_EQ(image->pixels.size(), 32u * 32 * 3);
+        for (const ImageSize size : {ImageSize{32, 32}, {8, 4}}) {  // of a JPEG as it is, and of a half of it
+          const auto image = CheckAndDecode(broken, Format(encoding), size);
+          if (image.ok()) {
+            EXPECT_EQ(image->pixels.size(), Pixels(size) * 3);
+          }
         }
       }
     }
   }
+}
+
+std::string GreyJpeg(const cv::Mat& picture) {
+  std::vector<uint8_t> bytes;
+  cv::imencode(".jpg", picture, bytes, {cv::IMWRITE_JPEG_QUALITY, 100});
+  return {bytes.begin(), bytes.end()};
+}
+
+// A soft light whose middle is at (x, y).
+cv::Mat LightAt(double x, double y, ImageSize size) {
+  const auto profile = [](int length, double middle, double width) {
+    cv::Mat values(length, 1, CV_64F);
+    for (int i = 0; i < length; ++i) values.at<double>(i) = std::exp(-std::pow((i - middle) / width, 2) / 2);
+    return values;
+  };
+  const double width = size.width / 30.0;
+  cv::Mat light = 250 * profile(size.height, y, width) * profile(size.width, x, width).t(), picture;
+  light.convertTo(picture, CV_8UC1);
+  return picture;
+}
+
+cv::Point2d MiddleOfLight(const cv::Mat& grey) {
+  const cv::Moments moments = cv::moments(grey);
+  return {moments.m10 / moments.m00, moments.m01 / moments.m00};
+}
+
+TEST(FrameDecoderTest, PlacesAreTheSameWhateverTheSizeAJpegIsDecodedAt) {
+  const ImageSize processing{128, 96};
+  // At a half, a quarter, and a half where a quarter leaves a remainder; whole.
+  for (const ImageSize size : {ImageSize{960, 540}, {1920, 1080}, {1366, 768}, {961, 541}, {962, 543}}) {
+    const double x = 0.85 * size.width, y = 0.8 * size.height;
+    GrayImage gray{FlowSize(size, processing), {}};
+    const FrameFormat format{FrameEncoding::kJpeg, {}, 4'000'000};
+    auto image = CheckAndDecode(GreyJpeg(LightAt(x, y, size)), format, processing, &gray);
+    ASSERT_THAT(image, IsOk());
+    cv::Mat red;
+    cv::extractChannel(cv::Mat(processing.height, processing.width, CV_8UC3, image->pixels.data()), red, 0);
+    const cv::Mat grey(gray.size.height, gray.size.width, CV_8UC1, gray.pixels.data());
+    for (const cv::Mat& small : {red, grey}) {
+      const cv::Point2d middle = MiddleOfLight(small);
+      EXPECT_NEAR(middle.x, (x + 0.5) * small.cols / size.width - 0.5, 0.05) << ToString(size) << ", " << small.cols;
+      EXPECT_NEAR(middle.y, (y + 0.5) * small.rows / size.height - 0.5, 0.05) << ToString(size) << ", " << small.cols;
+    }
+  }
+}
+
+// How far the greatest and the least value are apart, of the picture and of what flow sees, after stripes of one pixel.
+std::pair<double, double> ContrastOfStripes(ImageSize size, ImageSize processing) {
+  cv::Mat stripes(size.height, size.width, CV_8UC1);
+  for (int x = 0; x < size.width; ++x) stripes.col(x).setTo(x % 2 * 255);
+  GrayImage gray{FlowSize(size, processing), {}};
+  const auto image = CheckAndDecode(GreyJpeg(stripes), Format(FrameEncoding::kJpeg), processing, &gray);
+  const auto contrast = [](const std::vector<uint8_t>& values) {
+    const auto [least, greatest] = std::minmax_element(values.begin(), values.end());
+    return static_cast<double>(*greatest) - *least;
+  };
+  return {contrast(image->pixels), contrast(gray.pixels)};
+}
+
+TEST(FrameDecoderTest, ALargeJpegIsDecodedSmallerButNeverBelowWhatIsLookedAt) {
+  const auto [picture, flow] = ContrastOfStripes({960, 540}, {128, 96});
+  EXPECT_LT(picture, 10) << "pixels are means, none is left out";
+  EXPECT_LT(flow, 10);
+  EXPECT_GT(ContrastOfStripes({256, 192}, {128, 96}).second, 50) << "flow looks at 192x144: a half is not enough";
+  EXPECT_GT(ContrastOfStripes({961, 540}, {128, 96}).first, 50) << "a half of 961 is none";
 }
 
 TEST(FrameDecoderTest, TakesThePixelsAsStoredWhateverTheOrientationTag) {

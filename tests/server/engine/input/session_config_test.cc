@@ -171,6 +171,9 @@ TEST(EngineOptionsTest, RefusesWhatCannotWork) {
   options.max_batch_rows = 0;
   EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("max_batch_rows is 0")));
   options = {};
+  options.least_step = -1;
+  EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("least_step is -1")));
+  options = {};
   options.processing_size = {500, 384};
   EXPECT_THAT(options.Validate(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("500x384")));
 }
