@@ -43,9 +43,12 @@ std::vector<WindowEstimate> PointModelImpl::Refine(const std::vector<WindowRows>
                                                    const RefineOptions& options) {
   const c10::InferenceMode guard;
   CheckWindows(groups, options_);
+  TORCH_CHECK(!options.keep_templates || options.least_step <= 0, "least_step is ", options.least_step,
+              ", must be 0 where templates are kept");
   if (groups.empty()) return {};
   Refinement refinement(groups, options_, norm_->weight.device());
   for (int64_t k = 0; k < options.iterations; ++k) {
+    if (k > 0 && !refinement.Settle(options.least_step)) break;
     refinement.Advance(delta_block_->forward(refinement.Correlations(), refinement.positions()));
   }
   return refinement.Estimates(options.keep_templates);

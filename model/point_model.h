@@ -33,14 +33,18 @@ struct WindowEstimate {
   torch::Tensor positions;         // [N, S, 2] feature pixels after the last iteration
   torch::Tensor visibility_logit;  // [N, S]; undefined without a visibility head
   torch::Tensor similarity;        // [N, S] cosine of f1 and the feature at the estimate
-  torch::Tensor last_step;         // [N, S] feature pixels moved in the last iteration
+  torch::Tensor last_step;         // [N, S] feature pixels moved in the last iteration of the row
+  torch::Tensor iterations;        // [N] int64, those of the row
   torch::Tensor f2;                // [N, S, C] templates of the last iteration; only with keep_templates
   torch::Tensor f4;
 };
 
 struct RefineOptions {
-  int64_t iterations = 6;
+  int64_t iterations = 6;  // at most
   bool keep_templates = false;
+  // A row ends after an iteration that moved it by less than this many feature pixels on every frame. 0: no row ends
+  // early. REQUIRES: 0 with keep_templates.
+  double least_step = 0;
 };
 
 // Thread-compatible: concurrent const calls are safe once the parameters no longer change.

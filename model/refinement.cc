@@ -70,6 +70,26 @@ Refinement::Refinement(const std::vector<WindowRows>& groups, const ModelOptions
   positions_ = torch::cat(starts).contiguous();
   feature_ = torch::cat(features).unsqueeze(1).expand({-1, positions_.size(1), -1});
   last_step_ = torch::zeros({positions_.size(0), positions_.size(1)}, positions_.options());
+  iterations_ = torch::zeros({positions_.size(0)}, positions_.options().dtype(torch::kLong));
+  const torch::Tensor group = torch::arange(static_cast<int64_t>(groups.size()));
+  group_of_row_ = group.repeat_interleave(torch::tensor(rows_));
+}
+
+torch::Tensor Refinement::Moving(const torch::Tensor& all) const {
+  return moving_.defined() ? all.index_select(0, moving_) : all;
+}
+
+void Refinement::Set(torch::Tensor& all, const torch::Tensor& moving) const {
+  all = moving_.defined() ? all.index_copy(0, moving_, moving) : moving;
+}
+
+// rows [any] int64 on the CPU, in rising order: what Sample and Correlate are about.
+void Refinement::LookAt(const torch::Tensor& rows) {
+  const torch::Tensor of_row = group_of_row_.index_select(0, rows);
+  const torch::Tensor counts = torch::bincount(of_row, {}, static_cast<int64_t>(groups_.size()));
+  rows_.assign(counts.data_ptr<int64_t>(), counts.data_ptr<int64_t>() + counts.numel());
+  if (!joined_.empty()) return;
+  views_.window_of_row.assign(of_row.data_ptr<int64_t>(), of_row.data_ptr<int64_t>() + of_row.numel());
 }
 
 // f1 alone, unless some rows bring their f2 and f4 along.
@@ -91,28 +111,30 @@ torch::Tensor Refinement::FirstTemplates() const {
 }
 
 torch::Tensor Refinement::Sample() const {
-  if (joined_.empty()) return SampleRows(views_, positions_);
+  const torch::Tensor xy = positions();
+  if (joined_.empty()) return SampleRows(views_, xy);
   std::vector<torch::Tensor> parts;
   int64_t row = 0;
   for (size_t g = 0; g < joined_.size(); row += rows_[g++]) {
-    parts.push_back(SampleRows(joined_[g], positions_.narrow(0, row, rows_[g])));
+    parts.push_back(SampleRows(joined_[g], xy.narrow(0, row, rows_[g])));
   }
   return torch::cat(parts);
 }
 
 torch::Tensor Refinement::Correlate(const torch::Tensor& templates) const {
-  if (joined_.empty()) return holdfast::Correlate(views_, templates, positions_, radius_);
+  const torch::Tensor xy = positions();
+  if (joined_.empty()) return holdfast::Correlate(views_, templates, xy, radius_);
   std::vector<torch::Tensor> parts;
   int64_t row = 0;
   for (size_t g = 0; g < joined_.size(); row += rows_[g++]) {
-    parts.push_back(holdfast::Correlate(joined_[g], templates.narrow(0, row, rows_[g]),
-                                        positions_.narrow(0, row, rows_[g]), radius_));
+    parts.push_back(
+        holdfast::Correlate(joined_[g], templates.narrow(0, row, rows_[g]), xy.narrow(0, row, rows_[g]), radius_));
   }
   return torch::cat(parts);
 }
 
 torch::Tensor Refinement::Correlations() {
-  templates_ = started_ ? StackTemplates(feature_, Sample()) : FirstTemplates();
+  templates_ = started_ ? StackTemplates(Moving(feature_), Sample()) : FirstTemplates();
   started_ = true;
   return JoinTemplates(Correlate(templates_));
 }
@@ -120,12 +142,28 @@ torch::Tensor Refinement::Correlations() {
 void Refinement::Advance(const torch::Tensor& out) {
   torch::Tensor step = out.narrow(2, 0, 2).clone();
   step.select(1, 0).zero_();
-  positions_ = positions_ + step;
-  last_step_ = step.norm(2, {2});
-  if (out.size(2) == 3) visibility_ = out.select(2, 2);
+  Set(positions_, positions() + step);
+  Set(last_step_, step.norm(2, {2}));
+  Set(iterations_, Moving(iterations_) + 1);
+  if (out.size(2) == 3) Set(visibility_, out.select(2, 2));
 }
 
-std::vector<WindowEstimate> Refinement::Estimates(bool keep_templates) const {
+bool Refinement::Settle(double least) {
+  if (least <= 0) return true;
+  // What is not a number goes on.
+  const torch::Tensor still = Moving(last_step_).amax(1).lt(least);
+  const torch::Tensor left = still.logical_not().nonzero().squeeze(1);
+  if (left.size(0) == still.size(0)) return true;
+  moving_ = moving_.defined() ? moving_.index_select(0, left) : left;
+  LookAt(moving_.cpu());
+  return left.size(0) > 0;
+}
+
+std::vector<WindowEstimate> Refinement::Estimates(bool keep_templates) {
+  if (moving_.defined()) {
+    moving_.reset();
+    LookAt(torch::arange(group_of_row_.size(0)));
+  }
   const torch::Tensor similarity = torch::cosine_similarity(feature_, Sample(), 2, 1e-8);
   std::vector<WindowEstimate> result;
   int64_t row = 0;
@@ -136,6 +174,7 @@ std::vector<WindowEstimate> Refinement::Estimates(bool keep_templates) const {
     if (visibility_.defined()) estimate.visibility_logit = own(visibility_);
     estimate.similarity = own(similarity);
     estimate.last_step = own(last_step_);
+    estimate.iterations = own(iterations_);
     if (keep_templates && templates_.defined()) {
       const int64_t count = templates_.size(2);
       estimate.f2 = own(templates_).select(2, std::min<int64_t>(1, count - 1)).contiguous();

@@ -67,7 +67,10 @@ ABSL_FLAG(int, hop, Defaults().engine.hop_frames,
           "often and cost a window each time.");
 ABSL_FLAG(
     int, iterations, Defaults().engine.iterations,
-    "Refines the positions of a window this many times, where a session names no number. Each costs the same time.");
+    "Refines the positions of a window this many times at most, where a session names no number. Each costs time.");
+ABSL_FLAG(double, least_step, Defaults().engine.least_step,
+          "Ends the window of a point early, after an iteration that moved the point by less than this many pixels of "
+          "the processing size on every frame. 0: never. Servers that take up each other's sessions need the same.");
 ABSL_FLAG(bool, motion_prior, Defaults().engine.motion_prior,
           "Starts windows from where optical flow leads, where a session leaves it open. Follows fast motion; costs "
           "time of a decode thread on every frame.");
@@ -178,6 +181,7 @@ absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
   options.processing_size = absl::GetFlag(FLAGS_processing_size);
   options.hop_frames = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
+  options.least_step = absl::GetFlag(FLAGS_least_step);
   options.motion_prior = absl::GetFlag(FLAGS_motion_prior);
   options.polish = absl::GetFlag(FLAGS_polish);
   options.max_sessions = absl::GetFlag(FLAGS_max_sessions);

@@ -144,7 +144,7 @@ struct PrometheusMetrics::Impl {
                        .Add({}, CountBuckets());
   Histogram& batch_rows =
       AddHistograms("holdfast_batch_rows", "Rows (point windows) of a refinement batch.").Add({}, CountBuckets());
-  Histogram& iterations = AddHistograms("holdfast_refine_iterations", "Iterations of a refinement batch.")
+  Histogram& iterations = AddHistograms("holdfast_refine_iterations", "Iterations of a row of a refinement batch.")
                               .Add({}, Buckets{1, 2, 3, 4, 6, 8, 12, 16});
   Family<Counter>& rejected =
       AddCounters("holdfast_admission_rejected_total", "Streams and sessions refused at the door, by reason.");
@@ -239,9 +239,9 @@ void PrometheusMetrics::FinalEstimate(absl::Duration since_arrival) {
 
 void PrometheusMetrics::SessionLag(int64_t frames) { impl_->lag.Observe(static_cast<double>(frames)); }
 
-void PrometheusMetrics::BatchRefined(int64_t rows, int64_t iterations) {
-  impl_->batch_rows.Observe(static_cast<double>(rows));
-  impl_->iterations.Observe(static_cast<double>(iterations));
+void PrometheusMetrics::BatchRefined(absl::Span<const int> iterations) {
+  impl_->batch_rows.Observe(static_cast<double>(iterations.size()));
+  for (const int taken : iterations) impl_->iterations.Observe(taken);
 }
 
 void PrometheusMetrics::CacheBytes(int64_t bytes) { impl_->cache_bytes.Set(static_cast<double>(bytes)); }

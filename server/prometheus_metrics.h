@@ -33,7 +33,7 @@ class PrometheusMetrics final : public EngineMetrics, public ServerEvents {
   void FirstEstimate(absl::Duration since_arrival) override;
   void FinalEstimate(absl::Duration since_arrival) override;
   void SessionLag(int64_t frames) override;
-  void BatchRefined(int64_t rows, int64_t iterations) override;
+  void BatchRefined(absl::Span<const int> iterations) override;
   void CacheBytes(int64_t bytes) override;
   void WorkBudget(double work) override;
   void WorkPromised(double work) override;

@@ -38,8 +38,9 @@ absl::Status EngineOptions::Validate() const {
     return absl::InvalidArgumentError(
         absl::StrCat(field.name, " is ", field.value, ", must be at least ", field.lowest));
   }
-  for (const auto& [name, value] :
-       {std::pair{"max_load", max_load}, {"least_frames_per_second", least_frames_per_second}}) {
+  for (const auto& [name, value] : {std::pair{"max_load", max_load},
+                                    {"least_frames_per_second", least_frames_per_second},
+                                    {"least_step", least_step}}) {
     if (std::isfinite(value) && value >= 0) continue;
     return absl::InvalidArgumentError(absl::StrCat(name, " is ", value, ", must be at least 0"));
   }

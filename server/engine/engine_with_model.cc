@@ -113,7 +113,8 @@ class EngineImpl final : public Engine {
         meter_({model_->info().costs, info_.default_hop_frames, options.iterations, options.max_load}, clock, metrics),
         default_frame_work_(meter_.Of(DefaultSession(info_)).frame),
         admission_({options.max_sessions, options.cache_budget_bytes}, meter_, metrics),
-        scheduler_({options.max_batch_frames, options.max_batch_rows}, {*model_, meter_, clock, metrics}),
+        scheduler_({options.max_batch_frames, options.max_batch_rows, options.least_step / model_->info().stride},
+                   {*model_, meter_, clock, metrics}),
         pool_(options.decode_threads, clock) {
     cv::setNumThreads(1);  // each call runs on its thread of the pool; OpenCV's own would take the network's cores
   }

@@ -6,6 +6,7 @@
 
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+#include "absl/types/span.h"
 #include "api/types.h"
 
 namespace holdfast {
@@ -49,11 +50,11 @@ class EngineMetrics {
   virtual void PointsActive(int64_t delta) = 0;  // change of the number of points tracked now
   virtual void FrameDone(FrameResult result) = 0;
   virtual void StageTook(Stage stage, absl::Duration duration) = 0;
-  virtual void FirstEstimate(absl::Duration since_arrival) = 0;  // of a frame
-  virtual void FinalEstimate(absl::Duration since_arrival) = 0;  // of a frame
-  virtual void SessionLag(int64_t frames) = 0;                   // received but not processed, seen at each frame
-  virtual void BatchRefined(int64_t rows, int64_t iterations) = 0;
-  virtual void CacheBytes(int64_t bytes) = 0;  // features held now, all sessions
+  virtual void FirstEstimate(absl::Duration since_arrival) = 0;     // of a frame
+  virtual void FinalEstimate(absl::Duration since_arrival) = 0;     // of a frame
+  virtual void SessionLag(int64_t frames) = 0;                      // received but not processed, seen at each frame
+  virtual void BatchRefined(absl::Span<const int> iterations) = 0;  // of each row of a batch
+  virtual void CacheBytes(int64_t bytes) = 0;                       // features held now, all sessions
   // Point-frames a second (see WorkMeter): what there is time for, and what sessions were promised of it.
   virtual void WorkBudget(double work) = 0;
   virtual void WorkPromised(double work) = 0;
@@ -73,7 +74,7 @@ class NullEngineMetrics : public EngineMetrics {
   void FirstEstimate(absl::Duration) override {}
   void FinalEstimate(absl::Duration) override {}
   void SessionLag(int64_t) override {}
-  void BatchRefined(int64_t, int64_t) override {}
+  void BatchRefined(absl::Span<const int>) override {}
   void CacheBytes(int64_t) override {}
   void WorkBudget(double) override {}
   void WorkPromised(double) override {}

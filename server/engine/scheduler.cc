@@ -18,6 +18,13 @@ std::vector<Session*> SessionsOf(const Batch& batch) {
   return sessions;
 }
 
+std::vector<int> IterationsOf(const std::vector<RowEstimate>& estimates) {
+  std::vector<int> iterations;
+  iterations.reserve(estimates.size());
+  for (const RowEstimate& estimate : estimates) iterations.push_back(estimate.iterations);
+  return iterations;
+}
+
 }  // namespace
 
 Scheduler::Scheduler(const Options& options, const Deps& deps)
@@ -129,13 +136,13 @@ bool Scheduler::RefineBatch() {
   RunFor(SessionsOf(batch), [&] {
     const bool carry = batch.parts.front().session->options().carry_templates;
     const SteadyTime begin = clock_.SteadyNow();
-    auto estimates = model_.Refine(batch.groups, {batch.iterations, carry});
+    auto estimates = model_.Refine(batch.groups, {batch.iterations, carry, carry ? 0 : options_.least_step});
     const SteadyTime end = clock_.SteadyNow();
     const absl::Duration took = Between(begin, end);
     metrics_.StageTook(Stage::kRefine, took);
     for (const auto& part : batch.parts) part.session->TellRefined(part.rows, begin, end);
     meter_.Refined(batch.rows, batch.iterations, took);
-    metrics_.BatchRefined(batch.rows, batch.iterations);
+    metrics_.BatchRefined(IterationsOf(estimates));
     Apply(batch, std::move(estimates));
   });
   return true;

@@ -26,6 +26,7 @@ class Scheduler {
   struct Options {
     int64_t max_batch_frames = 4;
     int64_t max_batch_rows = 256;
+    double least_step = 0;  // as in TrackerModel::RefineOptions
   };
   // All must outlive the scheduler.
   struct Deps {

@@ -137,12 +137,14 @@ RowEstimate* WriteEstimates(const WindowEstimate& group, RowEstimate* out) {
   const torch::Tensor positions = OnCpu(group.positions), logit = OnCpu(group.visibility_logit),
                       similarity = OnCpu(group.similarity), last_step = OnCpu(group.last_step), f2 = OnCpu(group.f2),
                       f4 = OnCpu(group.f4);
+  const torch::Tensor iterations = group.iterations.cpu();
   for (int64_t row = 0; row < positions.size(0); ++row, ++out) {
     const std::vector<float> xy = RowOf(positions, row);
     for (size_t i = 0; i < xy.size(); i += 2) out->positions.push_back({xy[i], xy[i + 1]});
     out->visibility_logit = RowOf(logit, row);
     out->similarity = RowOf(similarity, row);
     out->last_step = RowOf(last_step, row);
+    out->iterations = static_cast<int>(iterations.data_ptr<int64_t>()[row]);
     out->templates = {RowOf(f2, row), RowOf(f4, row)};
   }
   return out;
@@ -233,8 +235,8 @@ class TorchTrackerModel final : public TrackerModel {
       std::vector<RowEstimate> estimates(CountRows(groups));
       ForEachShareHere(static_cast<int64_t>(estimates.size()), kRowShare, [&](int64_t begin, int64_t end) {
         RowEstimate* out = &estimates[begin];
-        for (const WindowEstimate& group :
-             networks_->Refine(RowsBetween(groups, begin, end), {options.iterations, options.keep_templates})) {
+        for (const WindowEstimate& group : networks_->Refine(
+                 RowsBetween(groups, begin, end), {options.iterations, options.keep_templates, options.least_step})) {
           out = WriteEstimates(group, out);
         }
       });

@@ -54,7 +54,8 @@ struct RowEstimate {
   std::vector<Position> positions;      // [S]
   std::vector<float> visibility_logit;  // [S]; empty without a visibility head
   std::vector<float> similarity;        // [S] cosine of the template and the feature at the estimate
-  std::vector<float> last_step;         // [S] feature pixels moved in the last iteration
+  std::vector<float> last_step;         // [S] feature pixels moved in the last iteration of the row
+  int iterations = 0;                   // those of the row
   CarriedTemplates templates;           // empty unless asked for
 };
 
@@ -93,8 +94,11 @@ class TrackerModel {
   // Features at positions, bilinear and clamped to the map: a template of [C] values each.
   virtual std::vector<std::vector<float>> Sample(const FrameFeatures& frame, absl::Span<const Position> at) = 0;
   struct RefineOptions {
-    int iterations = 4;
+    int iterations = 4;  // at most
     bool keep_templates = false;
+    // Feature pixels: a row ends after an iteration that moved it by less on every frame. 0: no row ends early.
+    // REQUIRES: 0 with keep_templates.
+    double least_step = 0;
   };
   // Estimates of every row of every group, in order. No row changes another's.
   virtual std::vector<RowEstimate> Refine(absl::Span<const WindowGroup> groups, const RefineOptions& options) = 0;

@@ -41,6 +41,7 @@ class WorkMeter {
 
   // What a batch took.
   void Encoded(int64_t pixels, absl::Duration took);
+  // 'iterations': as many as a row may take. Rows that end early make the machine look faster, and so they should.
   void Refined(int64_t rows, int iterations, absl::Duration took);
 
  private:

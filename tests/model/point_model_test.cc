@@ -5,6 +5,9 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 
+#include <set>
+#include <vector>
+
 #include "model/ops/sampling.h"
 #include "tests/support/golden.h"
 #include "tests/support/networks.h"
@@ -86,6 +89,49 @@ TEST_F(PointModelTest, PublishedSizeIsBitIdenticalInBatchesOfAnySizeToo) {
     const torch::Tensor got = block->forward(correlation.narrow(0, 5, count), xy.narrow(0, 5, count));
     EXPECT_TRUE(torch::equal(got, want.narrow(0, 5, count))) << count;
   }
+}
+
+// The longest step of each row [N] in its last iteration.
+torch::Tensor LongestStep(const WindowEstimate& estimate) { return estimate.last_step.amax(1); }
+
+TEST_F(PointModelTest, ARowThatStandsStillEndsAsIfItHadBeenGivenFewerIterations) {
+  const c10::InferenceMode guard;
+  const OneThread one_thread;
+  const WindowRows first = Rows(9, 1), second = Rows(6, 2);
+  std::vector<std::vector<WindowEstimate>> after;  // so many iterations
+  for (int64_t k = 0; k <= 4; ++k) after.push_back(model_->Refine({first, second}, {k, false}));
+  const torch::Tensor steps = torch::cat({LongestStep(after[1][0]), LongestStep(after[2][1])});
+  const double least = steps.median().item<double>();
+  const auto got = model_->Refine({first, second}, {4, false, least});
+  std::set<int64_t> taken;
+  for (size_t group = 0; group < 2; ++group) {
+    for (int64_t row = 0; row < got[group].positions.size(0); ++row) {
+      const int64_t k = got[group].iterations[row].item<int64_t>();
+      taken.insert(k);
+      for (int64_t before = 1; before < k; ++before) {
+        EXPECT_GE(LongestStep(after[before][group])[row].item<double>(), least) << "it should have ended before";
+      }
+      if (k < 4) {
+        EXPECT_LT(LongestStep(after[k][group])[row].item<double>(), least);
+      }
+      const WindowEstimate& want = after[k][group];
+      EXPECT_TRUE(torch::equal(got[group].positions[row], want.positions[row])) << row;
+      EXPECT_TRUE(torch::equal(got[group].visibility_logit[row], want.visibility_logit[row])) << row;
+      EXPECT_TRUE(torch::equal(got[group].similarity[row], want.similarity[row])) << row;
+      EXPECT_TRUE(torch::equal(got[group].last_step[row], want.last_step[row])) << row;
+    }
+  }
+  EXPECT_GE(taken.size(), 2u) << "rows should differ, or this tries nothing";
+}
+
+TEST_F(PointModelTest, AllRowsMayEndAfterOneIterationAndKeptTemplatesLetNoneEnd) {
+  const c10::InferenceMode guard;
+  const WindowRows rows = Rows(4);
+  const WindowEstimate got = model_->Refine({rows}, {4, false, 1e6}).front();
+  EXPECT_TRUE(torch::equal(got.positions, model_->Refine({rows}, {1, false}).front().positions));
+  EXPECT_TRUE(got.iterations.eq(1).all().item<bool>());
+  EXPECT_TRUE(model_->Refine({rows}, {4, false}).front().iterations.eq(4).all().item<bool>());
+  EXPECT_THROW(model_->Refine({rows}, {4, true, 1e6}), c10::Error);
 }
 
 TEST_F(PointModelTest, WindowsBatchedTogetherGiveWhatEachGivesAlone) {

@@ -73,6 +73,7 @@ TEST_F(FlagsTest, EveryKindOfFlagComesFromTheEnvironmentToo) {
                                     {"HOLDFAST_PRECISION", "bfloat16"},
                                     {"HOLDFAST_MOTION_PRIOR", "false"},
                                     {"HOLDFAST_POLISH", "false"},
+                                    {"HOLDFAST_LEAST_STEP", "1.5"},
                                     {"HOLDFAST_IDLE_TIMEOUT", "90s"},
                                     {"HOLDFAST_MAX_CONNECTION_AGE", "1h"},
                                     {"HOLDFAST_CHECKPOINT_KEYS", "/run/secrets/keys"},
@@ -82,6 +83,7 @@ TEST_F(FlagsTest, EveryKindOfFlagComesFromTheEnvironmentToo) {
   EXPECT_EQ(options->listen, "0.0.0.0:1");
   EXPECT_FALSE(options->engine.motion_prior);
   EXPECT_FALSE(options->engine.polish);
+  EXPECT_EQ(options->engine.least_step, 1.5);
   EXPECT_EQ(options->engine.max_sessions, 3);
   EXPECT_EQ(options->engine.limits.max_frame_bytes, 2 << 20);
   EXPECT_EQ(options->engine.limits.max_frame_pixels, 500'000);

@@ -70,7 +70,7 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
   metrics.FirstEstimate(absl::Seconds(1));
   metrics.FinalEstimate(absl::Seconds(2));
   metrics.SessionLag(3);
-  metrics.BatchRefined(64, 4);
+  metrics.BatchRefined({1, 1, 4});
   metrics.CacheBytes(1000);
   metrics.AdmissionRejected(RejectReason::kWork);
   metrics.WorkBudget(1500);
@@ -90,8 +90,9 @@ TEST(PrometheusMetricsTest, EveryEventIsCounted) {
                            "holdfast_frame_latency_seconds_sum 1\n",
                            "holdfast_final_latency_seconds_sum 2\n",
                            "holdfast_session_lag_frames_sum 3\n",
-                           "holdfast_batch_rows_sum 64\n",
-                           "holdfast_refine_iterations_sum 4\n",
+                           "holdfast_batch_rows_sum 3\n",
+                           "holdfast_refine_iterations_sum 6\n",
+                           "holdfast_refine_iterations_count 3\n",
                            "holdfast_cache_bytes 1000\n",
                            "holdfast_resumes_total{result=\"refused\"} 1\n",
                            "holdfast_checkpoints_total 1\n",

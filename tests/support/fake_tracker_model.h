@@ -110,6 +110,7 @@ class FakeTrackerModel : public TrackerModel {
     }
     estimate.similarity.assign(row.start.size(), similarity);
     estimate.last_step.assign(row.start.size(), 0.0f);
+    estimate.iterations = options.iterations;
     if (options.keep_templates) estimate.templates = {{row.feature[0]}, {row.feature[1]}};
     return estimate;
   }

@@ -243,7 +243,7 @@ class RecordingMetrics final : public EngineMetrics {
     std::map<SessionOutcome, int64_t> closed;
     std::map<FrameResult, int64_t> frames;
     std::map<Stage, int64_t> stages;
-    int64_t points = 0, rows = 0, batches = 0, max_batch_rows = 0;
+    int64_t points = 0, rows = 0, batches = 0, max_batch_rows = 0, iterations = 0;
     int64_t cache_bytes = 0, max_cache_bytes = 0;
     absl::Duration shortest_stage = absl::InfiniteDuration(), longest_stage;
     std::vector<absl::Duration> first, final;
@@ -293,11 +293,13 @@ class RecordingMetrics final : public EngineMetrics {
   void SessionLag(int64_t frames) override {
     Update([=](Totals& t) { t.lags.push_back(frames); });
   }
-  void BatchRefined(int64_t rows, int64_t) override {
+  void BatchRefined(absl::Span<const int> iterations) override {
+    const auto rows = static_cast<int64_t>(iterations.size());
     Update([=](Totals& t) {
       ++t.batches;
       t.rows += rows;
       t.max_batch_rows = std::max(t.max_batch_rows, rows);
+      for (const int taken : iterations) t.iterations += taken;
     });
   }
   void CacheBytes(int64_t bytes) override {

@@ -29,10 +29,11 @@ inline std::unique_ptr<Engine> EngineOf(PointModel model, const EngineOptions& o
   return *std::move(engine);
 }
 
-// The network alone.
+// The network alone, with every iteration.
 inline EngineOptions Exact(ImageSize processing) {
   EngineOptions options;
   options.motion_prior = options.polish = false;
+  options.least_step = 0;
   options.precision = Precision::kFloat32;
   options.compute_threads = 1;
   options.processing_size = processing;

@@ -38,8 +38,13 @@ torch::Tensor RandomFrames(int64_t count, int64_t height = 64, int64_t width = 9
   return frames.permute({0, 2, 3, 1}).to(torch::kUInt8).contiguous();
 }
 
+// At this least step some rows of the random network end early and some do not.
+constexpr double kSomeRowsEnd = 6;
+
 TEST(TorchEngineTest, APointIsTheSameToTheBitAloneInACrowdAndAddedLate) {
-  auto engine = EngineOf(RandomModel(), Exact({96, 64}));
+  EngineOptions options = Exact({96, 64});
+  options.least_step = kSomeRowsEnd;
+  auto engine = EngineOf(RandomModel(), options);
   LocalTracker tracker(*engine);
   const torch::Tensor frames = RandomFrames(50);
   const PointQuery query{1000, 40.5f, 30.25f};
@@ -98,6 +103,36 @@ TEST(TorchEngineTest, TracksAreTheSameToTheBitWhateverTheThreadsAndTheBatches) {
   }
 }
 
+// Of the rows of a session with these options, their mean.
+double IterationsOf(const EngineOptions& options) {
+  SimulatedClock clock;
+  RecordingMetrics metrics;
+  auto model = MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, clock, metrics);
+  EXPECT_THAT(model, IsOk());
+  auto engine = CreateEngineWithModel(options, *std::move(model), clock, metrics);
+  EXPECT_THAT(engine, IsOk());
+  const torch::Tensor frames = RandomFrames(40);
+  SessionConfig config = RawConfig(frames);
+  for (PointId id = 0; id < 20; ++id) config.points.push_back({id, 4.5f * static_cast<float>(id), 30.0f});
+  RecordingObserver observer;
+  Track(**engine, config, frames, observer);
+  return static_cast<double>(metrics.totals().iterations) / static_cast<double>(metrics.totals().rows);
+}
+
+TEST(TorchEngineTest, RowsThatStandStillEndEarlyAndTellTheMetrics) {
+  EngineOptions options = Exact({96, 64});
+  EXPECT_EQ(IterationsOf(options), 4);
+  options.least_step = 1e6;
+  EXPECT_EQ(IterationsOf(options), 1);
+  options.least_step = kSomeRowsEnd;
+  EXPECT_GT(IterationsOf(options), 1.1);
+  EXPECT_LT(IterationsOf(options), 3.9);
+  options.least_step = 1e6;
+  options.chaining = Chaining::kPublished;
+  options.hop_frames = 23;
+  EXPECT_EQ(IterationsOf(options), 4) << "the templates of the last iteration are carried over";
+}
+
 TEST(TorchEngineTest, ProvisionalResultsChangeNoFinalOne) {
   auto engine = EngineOf(RandomModel(), Exact({96, 64}));
   const torch::Tensor frames = RandomFrames(45);
@@ -116,6 +151,7 @@ TEST(TorchEngineTest, AResumedSessionIsTheSameToTheBit) {
   EngineOptions options = Exact({96, 64});
   options.sealer = &sealer;
   options.motion_prior = options.polish = true;
+  options.least_step = kSomeRowsEnd;
   auto engine = EngineOf(RandomModel(), options), other = EngineOf(RandomModel(), options);
   const torch::Tensor frames = RandomFrames(60);
   SessionConfig config = RawConfig(frames);
