@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,10 +14,11 @@ namespace holdfast {
 
 // What a method says about the N points of a clip of S frames, in the clip's pixels.
 struct ClipEstimate {
-  std::vector<float> positions;   // [S, N, 2] (x, y); NaN before a point's query
-  std::vector<uint8_t> visible;   // [S, N] 0 or 1
-  std::vector<float> confidence;  // [S, N] in [0, 1]; empty: the method has none
-  ImageSize processing_size;      // at which the method looked at the frames
+  std::vector<float> positions;      // [S, N, 2] (x, y); NaN before a point's query
+  std::vector<uint8_t> visible;      // [S, N] 0 or 1
+  std::vector<float> confidence;     // [S, N] in [0, 1]; empty: the method has none
+  ImageSize processing_size;         // at which the method looked at the frames
+  std::optional<double> iterations;  // of a window of a point, their mean; empty: the method has none
 };
 
 // A method under evaluation: follows points through one clip at a time. One thread at a time may call it.

@@ -58,6 +58,7 @@ absl::StatusOr<SequenceReport> RunMethod(const Trial& trial, ClipTracker& method
   report.points = trial.clip.num_points();
   report.frame_size = trial.clip.size();
   report.processing_size = estimate->processing_size;
+  report.iterations = estimate->iterations;
   const ScoredVideo video = ToScoredVideo(trial.clip, trial.query_frames, *std::move(estimate));
   report.metrics = ComputeMetrics(video);
   report.claims = ClaimsOf(video);
@@ -98,6 +99,17 @@ Metrics MeanOf(const std::vector<SequenceReport>& sequences) {
   metrics.reserve(sequences.size());
   for (const SequenceReport& sequence : sequences) metrics.push_back(sequence.metrics);
   return MeanMetrics(metrics);
+}
+
+std::optional<double> MeanIterations(const std::vector<SequenceReport>& sequences) {
+  double sum = 0;
+  int64_t count = 0;
+  for (const SequenceReport& sequence : sequences) {
+    if (!sequence.iterations) continue;
+    sum += *sequence.iterations;
+    ++count;
+  }
+  return count == 0 ? std::nullopt : std::optional<double>(sum / static_cast<double>(count));
 }
 
 std::optional<Reliability> ReliabilityOf(const std::vector<SequenceReport>& sequences) {
@@ -145,6 +157,7 @@ absl::StatusOr<std::vector<Report>> Evaluate(const Dataset& dataset, const std::
   }
   for (Report& report : reports) {
     report.mean = MeanOf(report.sequences);
+    report.iterations = MeanIterations(report.sequences);
     report.reliability = ReliabilityOf(report.sequences);
   }
   return reports;

@@ -23,10 +23,11 @@ namespace holdfast {
 struct SequenceReport {
   std::string name;
   int64_t frames = 0;
-  int64_t points = 0;         // scored ones
-  ImageSize frame_size;       // of the source
-  ImageSize processing_size;  // at which the method looked at it
-  double seconds = 0;         // the method took for all of it
+  int64_t points = 0;                // scored ones
+  ImageSize frame_size;              // of the source
+  ImageSize processing_size;         // at which the method looked at it
+  double seconds = 0;                // the method took for all of it
+  std::optional<double> iterations;  // as in ClipEstimate
   Metrics metrics;
   std::vector<Claim> claims;  // empty: the method has no confidence
 };
@@ -42,6 +43,7 @@ struct Report {
   std::vector<SequenceReport> sequences;
   std::vector<SkippedSequence> skipped;
   Metrics mean;                            // over sequences
+  std::optional<double> iterations;        // the same
   std::optional<Reliability> reliability;  // over the claims of all sequences; empty: there are none
 };
 

@@ -42,9 +42,13 @@ ABSL_FLAG(std::string, json, Defaults().json, "Writes the reports to this file t
 ABSL_FLAG(holdfast::ImageSize, processing_size, {},
           "Resizes the network's frames to WIDTHxHEIGHT, multiples of 32. Results and time depend much on it. Empty: "
           "the engine's default, 512x384, or the paper's size with --suite.");
-ABSL_FLAG(int, iterations, 0,
-          "Refines the positions of a window this many times: more take longer. 0: as often as the engine does by "
-          "default, 16 times with --suite.");
+ABSL_FLAG(
+    int, iterations, 0,
+    "Refines the positions of a window this many times at most: more take longer. 0: as often as the engine does by "
+    "default, 16 times with --suite.");
+ABSL_FLAG(double, least_step, Defaults().methods.engine.least_step,
+          "Ends the window of a point early, after an iteration that moved the point by less than this many pixels of "
+          "the processing size on every frame. 0: never. Has no effect with --chaining=published and --suite.");
 ABSL_FLAG(int, hop, 0,
           "Begins a window this many frames after the one before it: fewer take longer. 0: the engine's default, 23 "
           "with --chaining=published.");
@@ -111,6 +115,7 @@ absl::Status FillEngine(bool suite, EngineOptions& engine) {
   engine.compute_threads = absl::GetFlag(FLAGS_threads);
   engine.chaining = *chaining;
   engine.precision = *precision;
+  engine.least_step = suite ? 0 : absl::GetFlag(FLAGS_least_step);  // published figures have every iteration
   engine.motion_prior = absl::GetFlag(FLAGS_motion_prior);
   engine.polish = absl::GetFlag(FLAGS_polish);
   if (*chaining == Chaining::kPublished) engine.hop_frames = 23;

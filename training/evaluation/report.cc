@@ -51,12 +51,14 @@ Json ReportToJson(const Report& report) {
                                  {"frame_size", SizeToJson(sequence.frame_size)},
                                  {"processing_size", SizeToJson(sequence.processing_size)},
                                  {"seconds", sequence.seconds},
+                                 {"iterations", sequence.iterations ? Json(*sequence.iterations) : Json()},
                                  {"metrics", MetricsToJson(sequence.metrics)}});
   }
   for (const SkippedSequence& skipped : report.skipped) {
     json["skipped"].push_back({{"name", skipped.name}, {"reason", skipped.reason}});
   }
   json["mean"] = MetricsToJson(report.mean);
+  json["iterations"] = report.iterations ? Json(*report.iterations) : Json();
   json["reliability"] = report.reliability ? ReliabilityToJson(*report.reliability) : Json();
   return json;
 }
@@ -110,6 +112,9 @@ std::string FormatReport(const Report& report) {
     absl::StrAppend(&text, "confidence: ECE ", absl::StrFormat("%.3f, Brier %.3f", reliability.ece, reliability.brier),
                     reliability.auc ? absl::StrFormat(", AUC %.3f", *reliability.auc) : "", " over ",
                     reliability.claims, " estimates\n");
+  }
+  if (report.iterations) {
+    absl::StrAppend(&text, "iterations of a point's window, mean: ", absl::StrFormat("%.2f", *report.iterations), "\n");
   }
   for (const SkippedSequence& skipped : report.skipped) {
     absl::StrAppend(&text, "skipped ", skipped.name, ": ", skipped.reason, "\n");

@@ -22,7 +22,7 @@ std::string FormatColumns(const std::vector<std::vector<std::string>>& rows);
 // One line a sequence, the mean, and whatever was skipped and why.
 std::string FormatReport(const Report& report);
 
-// {"settings": {...}, "reports": [{"method", "sequences": [...], "skipped": [...], "mean": {...},
+// {"settings": {...}, "reports": [{"method", "sequences": [...], "skipped": [...], "mean": {...}, "iterations",
 // "reliability": {...}}]}; a metric that does not exist is null, one that is infinite too.
 std::string ReportsToJson(const std::vector<Report>& reports, const std::map<std::string, std::string>& settings);
 

@@ -92,6 +92,7 @@ absl::StatusOr<ClipEstimate> StreamClipTracker::Track(const Sample& clip, const 
   config.iterations = options_.iterations;
   config.send_provisional = false;
   FinalEstimates estimates(clip);
+  if (options_.iterations_taken) options_.iterations_taken();  // those of the clip before
   absl::StatusOr<std::unique_ptr<TrackStream>> stream = tracker_.Open(config, estimates);
   if (!stream.ok()) return stream.status();
   for (int64_t index = 0; index < clip.num_frames(); ++index) {
@@ -99,7 +100,9 @@ absl::StatusOr<ClipEstimate> StreamClipTracker::Track(const Sample& clip, const 
     if (!pushed.ok()) return pushed;
   }
   if (absl::Status finished = (*stream)->Finish(); !finished.ok()) return finished;
-  return estimates.Result(query_frames);
+  absl::StatusOr<ClipEstimate> estimate = estimates.Result(query_frames);
+  if (estimate.ok() && options_.iterations_taken) estimate->iterations = options_.iterations_taken();
+  return estimate;
 }
 
 }  // namespace holdfast

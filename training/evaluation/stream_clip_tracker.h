@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
+#include <optional>
 #include <string>
 
 #include "api/point_tracker.h"
@@ -13,6 +15,8 @@ struct StreamClipTrackerOptions {
   ImageSize processing_size;  // as in SessionConfig; empty: the tracker's default
   int hop_frames = 0;         // as in SessionConfig
   int iterations = 0;         // as in SessionConfig
+  // Says how many iterations a window of a point took since it was asked before, their mean. Empty: nobody knows.
+  std::function<std::optional<double>()> iterations_taken;
 };
 
 // Evaluates what users get: each clip is one session of a PointTracker, fed with raw frames of the clip's own size and

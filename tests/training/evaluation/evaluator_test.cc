@@ -101,6 +101,19 @@ TEST(EvaluatorTest, TheMeanIsOverVideosNotOverPoints) {
   EXPECT_EQ((*reports)[0].mean.delta_avg, 50);
 }
 
+TEST(EvaluatorTest, TheMeanOfIterationsIsOverVideosOfMethodsThatHaveSome) {
+  FakeTracker tracker(Standing(0));
+  double asked = 0;
+  StreamClipTrackerOptions options{"counting"};
+  options.iterations_taken = [&asked] { return ++asked; };  // 2 of the first clip, 4 of the second
+  StreamClipTracker counting(tracker, options), other(tracker, {"other"});
+  const auto reports = Evaluate(ListDataset({Still(1), Still(2)}), {&counting, &other}, {}, TickingClock());
+  ASSERT_THAT(reports, IsOk());
+  EXPECT_EQ((*reports)[0].sequences[1].iterations, 4);
+  EXPECT_EQ((*reports)[0].iterations, 3);
+  EXPECT_EQ((*reports)[1].iterations, std::nullopt);
+}
+
 TEST(EvaluatorTest, QueriesAPointInTheFirstFrameThatShowsIt) {
   Sample clip = MovingTexture(5, kScoredSize, {5, 0}, {{100, 100}});
   clip.visible[clip.At(0, 0)] = 0;

@@ -55,15 +55,18 @@ TEST_F(EvaluateFlagsTest, PublishedChainingHopsAWholeWindow) {
 
 TEST_F(EvaluateFlagsTest, TheSuiteIteratesAsThePublishedTestsDo) {
   EXPECT_EQ(Request({"--weights=w", "--suite=paper", "--data=d"})->methods.engine.iterations, 16);
+  EXPECT_EQ(Request({"--weights=w", "--suite=paper", "--data=d"})->methods.engine.least_step, 0);
   EXPECT_EQ(Request({"--weights=w", "--suite=paper", "--data=d", "--iterations=6"})->methods.engine.iterations, 6);
 }
 
 TEST_F(EvaluateFlagsTest, ReadsSizesAndChoices) {
-  const auto request = Request({"--baseline=lk", "--processing_size=640x480", "--precision=bfloat16", "--count=7"});
+  const auto request =
+      Request({"--baseline=lk", "--processing_size=640x480", "--precision=bfloat16", "--count=7", "--least_step=0.75"});
   ASSERT_THAT(request, IsOk());
   EXPECT_TRUE(request->methods.lucas_kanade);
   EXPECT_EQ(request->processing_size, (ImageSize{640, 480}));
   EXPECT_EQ(request->methods.engine.precision, Precision::kBFloat16);
+  EXPECT_EQ(request->methods.engine.least_step, 0.75);
   EXPECT_EQ(request->data.count, 7u);
 }
 

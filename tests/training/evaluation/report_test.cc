@@ -66,6 +66,18 @@ TEST(ReportTest, SaysBelowTheTableHowFarConfidenceIsToBeTrusted) {
   EXPECT_THAT(FormatReport(report), HasSubstr("\nconfidence: ECE 0.031, Brier 0.113 over 960 estimates\n"));
 }
 
+TEST(ReportTest, SaysHowManyIterationsWindowsTookWhereThereAreAny) {
+  Report report = MakeReport();
+  EXPECT_THAT(FormatReport(report), Not(HasSubstr("iterations")));
+  report.sequences[0].iterations = 2.5;
+  report.iterations = 2.456;
+  EXPECT_THAT(FormatReport(report), HasSubstr("\niterations of a point's window, mean: 2.46\nskipped broken"));
+  const auto written = nlohmann::json::parse(ReportsToJson({report}, {}))["reports"][0];
+  EXPECT_EQ(written["iterations"], 2.456);
+  EXPECT_EQ(written["sequences"][0]["iterations"], 2.5);
+  EXPECT_TRUE(written["sequences"][1]["iterations"].is_null());
+}
+
 TEST(ReportTest, JsonHoldsTheReliabilityOfAMethodWithConfidence) {
   Report confident = MakeReport(), one_kind = MakeReport();
   confident.reliability = one_kind.reliability = MakeReliability();

@@ -89,6 +89,17 @@ TEST(StreamClipTrackerTest, PassesTheSettingsAndReportsTheSizeAgreed) {
   EXPECT_EQ(at_default->processing_size, (ImageSize{512, 384}));
 }
 
+TEST(StreamClipTrackerTest, SaysHowManyIterationsTheClipItselfTook) {
+  FakeTracker tracker(Sliding());
+  StreamClipTrackerOptions options{"fake"};
+  double asked = 0;
+  options.iterations_taken = [&asked] { return ++asked; };
+  const auto estimate = StreamClipTracker(tracker, options).Track(Clip(), {0, 0});
+  ASSERT_THAT(estimate, IsOk());
+  EXPECT_EQ(estimate->iterations, 2) << "what was before the clip is not of it";
+  EXPECT_EQ(StreamClipTracker(tracker, {"fake"}).Track(Clip(), {0, 0})->iterations, std::nullopt);
+}
+
 TEST(StreamClipTrackerTest, ASessionThatEndsEarlyIsAnError) {
   FakeTracker::Behaviour behaviour = Sliding();
   behaviour.fail_at_frame = 2;
