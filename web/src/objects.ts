@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { ObjectRun, ObjectSample } from "./wire";
+import { OBJECT_PLACES, type ObjectRun, type ObjectSample } from "./wire";
 
-interface Known extends ObjectSample {
+/** Points are places here: whoever stands at one, it is one point to whoever looks. */
+interface Known extends Omit<ObjectSample, "joined"> {
   final: boolean;
 }
 
@@ -9,6 +10,7 @@ interface Known extends ObjectSample {
 export class ObjectTrack {
   private known: (Known | undefined)[] = []; // from `start` on
   private finals = 0; // so many of them are final
+  private joins = new Map<number, number>(); // from which frame on points take part that were placed anew
 
   constructor(
     readonly id: number,
@@ -18,9 +20,9 @@ export class ObjectTrack {
     readonly start: number,
   ) {}
 
-  /** The page's id of the object's point i: those after its own. */
-  pointAt(i: number): number {
-    return this.id + 1 + i;
+  /** The page's id of the object's point at this place: those after its own. */
+  pointAt(place: number): number {
+    return this.id + 1 + place;
   }
 
   get end(): number {
@@ -66,16 +68,23 @@ export class ObjectTrack {
 
   /** Whether a point of its own does not move with it any more, as of this frame or the newest before it. */
   hasLeft(point: number, frame: number): boolean {
-    return this.at(this.newest(frame))?.left.some((i) => this.pointAt(i) === point) ?? false;
+    return this.at(this.newest(frame))?.left.some((place) => this.pointAt(place) === point) ?? false;
   }
 
   /** Takes estimates over. A provisional one never replaces a final one. */
   apply({ firstFrame, samples, finalCount }: ObjectRun): void {
-    samples.forEach((sample, i) => {
+    samples.forEach(({ joined, ...sample }, i) => {
       const at = firstFrame + i - this.start;
       if (at < 0 || (i >= finalCount && this.known[at]?.final)) return;
-      this.known[at] = { ...sample, final: i < finalCount };
+      for (const point of joined) this.joins.set(point, firstFrame + i);
+      const left = sample.left.filter((point) => this.stands(point, firstFrame + i)).map((point) => point % OBJECT_PLACES);
+      this.known[at] = { ...sample, left, final: i < finalCount };
     });
     while (this.known[this.finals]?.final) ++this.finals;
+  }
+
+  // Nobody had been placed in this point's place by then.
+  private stands(point: number, frame: number): boolean {
+    return !((this.joins.get(point + OBJECT_PLACES) ?? Infinity) <= frame);
   }
 }

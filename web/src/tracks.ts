@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { ObjectTrack } from "./objects";
-import { OBJECT_POINTS, type ObjectRun, type Run } from "./wire";
+import { OBJECT_PLACES, OBJECT_POINTS, type ObjectRun, type Run } from "./wire";
 
 export interface Sample {
   x: number; // pixels
@@ -26,6 +26,7 @@ export class Track {
   private confidences = new Float32Array(64);
   private flags = new Uint8Array(64);
   private finals = 0; // from seedFrame on, so many are final
+  private beginning = 0; // counts those that the server has made
 
   constructor(
     readonly id: number,
@@ -90,12 +91,21 @@ export class Track {
     this.flags.fill(0, this.length);
   }
 
-  /** Takes estimates over. A provisional one never replaces a final one. */
-  apply(run: Run): void {
+  /**
+   * Takes estimates over. A provisional one never replaces a final one. A later beginning of the point is one that the
+   * server has made: it counts from its first estimate on, and the one before it up to there.
+   */
+  apply(run: Run, beginning = 0): void {
     const first = run.firstFrame - this.start;
     if (first < 0) return; // from before the point's first seed: never sent by a server
-    this.reserve(first + run.x.length);
-    for (let i = 0; i < run.x.length; ++i) {
+    if (beginning > this.beginning) {
+      this.reseed(run.firstFrame);
+      this.beginning = beginning;
+    }
+    const length = beginning < this.beginning ? Math.min(run.x.length, this.seedFrame - run.firstFrame) : run.x.length;
+    if (length <= 0) return;
+    this.reserve(first + length);
+    for (let i = 0; i < length; ++i) {
       const at = first + i;
       const final = i < run.finalCount;
       if (!final && this.flags[at]! & FINAL) continue;
@@ -104,7 +114,7 @@ export class Track {
       this.confidences[at] = run.confidence[i]!;
       this.flags[at] = PRESENT | (final ? FINAL : 0) | (run.visible[i] ? VISIBLE : 0);
     }
-    this.length = Math.max(this.length, first + run.x.length);
+    this.length = Math.max(this.length, first + length);
     while (this.finalEnd < this.end && this.isFinal(this.finalEnd)) ++this.finals;
   }
 
@@ -118,6 +128,9 @@ export class Track {
     this.flags = grown(new Uint8Array(size), this.flags);
   }
 }
+
+// Of an id as it is in messages: how many stood in its place before.
+const beginningOf = (id: number) => (id < OBJECT_POINTS ? 0 : Math.floor((id % OBJECT_POINTS) / OBJECT_PLACES));
 
 /** The tracks of a session's points and objects, in the order in which they were made. */
 export class TrackStore {
@@ -171,7 +184,7 @@ export class TrackStore {
 
   /** What was removed meanwhile is passed over. */
   apply(runs: readonly Run[], objects: readonly ObjectRun[] = []): void {
-    for (const run of runs) this.trackOf(run.id)?.apply(run);
+    for (const run of runs) this.trackOf(run.id)?.apply(run, beginningOf(run.id));
     for (const run of objects) this.objectsById.get(run.id)?.apply(run);
   }
 
@@ -187,7 +200,7 @@ export class TrackStore {
     if (id < OBJECT_POINTS) return this.byId.get(id);
     const object = this.objectsById.get(Math.floor(id / OBJECT_POINTS));
     if (!object) return undefined;
-    const point = object.pointAt(id % OBJECT_POINTS);
+    const point = object.pointAt((id % OBJECT_POINTS) % OBJECT_PLACES);
     const known = this.byId.get(point);
     if (known) return known;
     const track = new Track(point, object.order, object.start, object);

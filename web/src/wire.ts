@@ -45,6 +45,12 @@ export interface ObjectSeed {
 
 export const OBJECT_POINTS = 2 ** 32;
 
+/**
+ * Points of an object whose numbers i are the same modulo this had one place on it, one after the other: a point that has
+ * left is replaced by one that is placed anew.
+ */
+export const OBJECT_PLACES = 256;
+
 /** The id that point i of an object has in messages. */
 export const objectPointId = (object: number, i: number) => OBJECT_POINTS * object + i;
 
@@ -68,6 +74,7 @@ export interface ObjectSample {
   visible: number; // share of its points, 0 .. 1
   outline: [number, number][]; // corners, pixels
   left: number[]; // points that do not move with it any more, by their number i on it
+  joined: number[]; // points that take part from this frame on, each in place of i - OBJECT_PLACES
 }
 
 /** One object on consecutive frames: element i belongs to frame firstFrame + i. */
@@ -88,6 +95,9 @@ export interface Problem {
 const FIRST_OBJECT_POINT = 2n ** 63n;
 const toId = (id: number) => BigInt(id) + (id < OBJECT_POINTS ? 0n : FIRST_OBJECT_POINT);
 const fromId = (id: bigint) => Number(id < FIRST_OBJECT_POINT ? id : id - FIRST_OBJECT_POINT);
+
+// Of an object's point, on that object.
+const toNumber = (id: bigint) => fromId(id) % OBJECT_POINTS;
 
 const points = (seeds: readonly Seed[]) => seeds.map(({ id, x, y }) => ({ id: toId(id), x, y }));
 
@@ -124,9 +134,9 @@ export function toRun(run: PointRun): Run {
 }
 
 export function toObjectRun(run: ObjectRunMessage): ObjectRun {
-  const samples = run.samples.map(({ x, y, scale, rotation, visible, outlineX, outlineY, left }): ObjectSample => {
+  const samples = run.samples.map(({ x, y, scale, rotation, visible, outlineX, outlineY, left, joined }): ObjectSample => {
     const outline = outlineX.map((at, i): [number, number] => [at, outlineY[i]!]);
-    return { x, y, scale, rotation, visible, outline, left: left.map((id) => fromId(id) % OBJECT_POINTS) };
+    return { x, y, scale, rotation, visible, outline, left: left.map(toNumber), joined: joined.map(toNumber) };
   });
   return { id: run.id, firstFrame: Number(run.firstFrame), samples, finalCount: run.finalCount };
 }

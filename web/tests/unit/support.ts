@@ -34,11 +34,12 @@ export const tracks = (framesProcessed: number, runs: Run[] = [], objects: Objec
       objects: objects.map(({ samples, ...run }) => ({
         ...run,
         firstFrame: BigInt(run.firstFrame),
-        samples: samples.map(({ outline, left, ...sample }) => ({
+        samples: samples.map(({ outline, left, joined, ...sample }) => ({
           ...sample,
           outlineX: outline.map(([x]) => x),
           outlineY: outline.map(([, y]) => y),
           left: left.map((i) => inMessages(OBJECT_POINTS * run.id + i)),
+          joined: joined.map((i) => inMessages(OBJECT_POINTS * run.id + i)),
         })),
       })),
     },
@@ -64,11 +65,14 @@ export function run(id: number, firstFrame: number, length: number, finalCount =
   };
 }
 
-/** An object whose centre is at x = frame + offset, y = 2 frame, of which the points `left` have left. */
-export function objectRun(id: number, firstFrame: number, length: number, finalCount = 0, offset = 0, left: number[] = []): ObjectRun {
+/** An object whose centre is at x = frame + offset, y = 2 frame, of which the points `left` have left; those that `joined` did so on its first frame. */
+export function objectRun(
+  id: number, firstFrame: number, length: number, finalCount = 0, offset = 0, left: number[] = [], joined: number[] = [],
+): ObjectRun {
   const samples = Array.from({ length }, (_, i) => {
     const t = firstFrame + i;
-    return { x: t + offset, y: 2 * t, scale: 1, rotation: 0.5, visible: 0.75, outline: [[t, 1], [t + 4, 1], [t, 8]] as [number, number][], left };
+    const outline: [number, number][] = [[t, 1], [t + 4, 1], [t, 8]];
+    return { x: t + offset, y: 2 * t, scale: 1, rotation: 0.5, visible: 0.75, outline, left, joined: i === 0 ? joined : [] };
   });
   return { id, firstFrame, samples, finalCount };
 }

@@ -85,6 +85,23 @@ test("an object has a life of its own, and points that are there once something 
   expect(store.finalFrames(40)).toBe(0); // of point 1 nothing is known
 });
 
+test("a point that is placed anew goes on where the one before it left", () => {
+  const store = storeWith(300);
+  const object = store.seedObject(1, 0, "Object 1");
+  const [old, anew] = [objectPointId(1, 3), objectPointId(1, 3 + 256)];
+  store.apply([run(old, 0, 24, 9), run(300, 0, 2)], [objectRun(1, 0, 12, 9, 0, [3])]);
+  store.apply([run(anew, 8, 20, 0, 100)], [objectRun(1, 9, 9, 7, 0, [3], [3 + 256])]);
+  store.apply([run(old, 9, 12, 12)]); // it goes on to the end of its window
+  const [track, ...others] = store.pointsOf(1);
+  expect([track!.id, others.length]).toEqual([5, 0]);
+  expect([7, 8, 9, 20, 27].map((t) => track!.x(t))).toEqual([7, 108, 109, 120, 127]);
+  expect([track!.isFinal(7), track!.isFinal(9), track!.end, track!.seedFrame]).toEqual([true, false, 28, 8]);
+  expect([8, 9, 12].map((t) => object.hasLeft(5, t))).toEqual([true, false, false]);
+  store.apply([], [objectRun(1, 16, 1, 1, 0, [3 + 256])]); // and leaves in turn
+  expect([15, 16].map((t) => object.hasLeft(5, t))).toEqual([false, true]);
+  expect(store.get(300)!.x(1)).toBe(1); // ids of the user's own points say nothing of the kind
+});
+
 test("an object goes with all of its points, and late results meet nobody", () => {
   const store = storeWith(1);
   store.seedObject(2, 0, "Object 2");
