@@ -51,11 +51,16 @@ const port = await freePort();
 execFileSync("git", ["clone", "--quiet", resolve(import.meta.dirname, ".."), clone]);
 done("cloned");
 const made = spawn("make", ["-C", clone, "web", `WEB_PORT=${port}`], { detached: true, stdio: ["ignore", "ignore", "inherit"] });
+const stop = () => made.exitCode === null && process.kill(-made.pid);
+process.once("SIGINT", () => {
+  stop();
+  process.exit(1);
+});
 try {
   await answers(`http://localhost:${port}/v1/info`, made);
   done("built, and the server is ready");
   await visit(`http://localhost:${port}/`);
 } finally {
-  if (made.exitCode === null) process.kill(-made.pid);
+  stop();
   rmSync(resolve(clone, ".."), { recursive: true });
 }
