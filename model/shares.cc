@@ -9,10 +9,12 @@
 namespace holdfast {
 namespace {
 
-// Equal shares, as many as there are threads or a multiple of that, as far as their sizes allow.
+// Equal shares, two a thread or more: beside a busy neighbour one thread gets more of the processor than another, which
+// then has something left to take. A multiple of the threads, as far as the shares' sizes allow.
 int64_t SharesOf(int64_t count, ShareSize size, int64_t threads) {
-  const int64_t needed = at::divup(count, size.most);
-  return std::min(at::divup(needed, threads) * threads, std::max<int64_t>(1, count / size.least));
+  const int64_t needed = at::divup(count, size.most), possible = std::max<int64_t>(1, count / size.least);
+  const int64_t wanted = std::min(std::max(2 * threads, at::divup(needed, threads) * threads), possible);
+  return std::max(needed, wanted > threads ? wanted - wanted % threads : wanted);
 }
 
 // How many of the shares go to threads. The last round counts where it keeps more than half of them busy.

@@ -28,7 +28,7 @@ namespace holdfast {
 namespace {
 
 constexpr ShareSize kFrameShare = {1, 1};
-constexpr ShareSize kRowShare = {16, 64};
+constexpr ShareSize kRowShare = {8, 64};  // what a batch of rows costs, however few they are, is that of three rows
 
 static_assert(sizeof(Position) == 2 * sizeof(float), "positions are copied as pairs of floats");
 

@@ -21,7 +21,7 @@ using ::testing::ElementsAre;
 using ::testing::UnorderedElementsAre;
 
 constexpr ShareSize kOne = {1, 1};
-constexpr ShareSize kSome = {16, 64};
+constexpr ShareSize kSome = {8, 64};
 
 class SharesTest : public testing::Test {
  protected:
@@ -69,7 +69,9 @@ TEST_F(SharesTest, EachThingIsInOneShareWhateverTheNumberOfThreads) {
 TEST_F(SharesTest, SharesAreEqualAndOperationsInsideThemUseOneThread) {
   EXPECT_THAT(SharesOn(2, 4, kOne),
               UnorderedElementsAre(Share{0, 1, 1}, Share{1, 2, 1}, Share{2, 3, 1}, Share{3, 4, 1}));
-  EXPECT_THAT(SharesOn(2, 60, kSome), UnorderedElementsAre(Share{0, 30, 1}, Share{30, 60, 1}));
+  EXPECT_THAT(SharesOn(2, 31, kSome), UnorderedElementsAre(Share{0, 15, 1}, Share{15, 31, 1}));
+  EXPECT_THAT(SharesOn(2, 60, kSome),
+              UnorderedElementsAre(Share{0, 15, 1}, Share{15, 30, 1}, Share{30, 45, 1}, Share{45, 60, 1}));
   EXPECT_THAT(SharesOn(2, 130, kSome),
               UnorderedElementsAre(Share{0, 32, 1}, Share{32, 65, 1}, Share{65, 97, 1}, Share{97, 130, 1}));
 }
@@ -78,7 +80,7 @@ TEST_F(SharesTest, WhatWouldLeaveHalfOfTheThreadsIdleComesLastWithAllOfThem) {
   EXPECT_THAT(SharesOn(2, 1, kOne), ElementsAre(Share{0, 1, 2}));
   EXPECT_EQ(SharesOn(2, 3, kOne).back(), (Share{2, 3, 2}));
   EXPECT_EQ(SharesOn(4, 6, kOne).back(), (Share{4, 6, 4}));
-  EXPECT_THAT(SharesOn(2, 31, kSome), ElementsAre(Share{0, 31, 2}));
+  EXPECT_THAT(SharesOn(2, 15, kSome), ElementsAre(Share{0, 15, 2}));
   EXPECT_THAT(SharesOn(4, 3, kOne), UnorderedElementsAre(Share{0, 1, 1}, Share{1, 2, 1}, Share{2, 3, 1}));
 }
 
