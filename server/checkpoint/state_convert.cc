@@ -150,8 +150,8 @@ absl::string_view FaultOfEstimates(const v1::Track& track) {
 absl::string_view FaultOfFrames(const v1::Track& track) {
   const int64_t query = track.query_frame();
   const int64_t kept = track.first_kept();
-  const int64_t end = kept + track.position_x_size();
   if (query < 0 || kept < query || kept > kMaxFrame) return "its first estimate is before its query";
+  const int64_t end = kept + track.position_x_size();
   if (track.next_start() < kept || track.covered() < query ||
       std::max(track.next_start(), track.covered()) > kMaxFrame) {
     return "its next window begins before its first estimate";
