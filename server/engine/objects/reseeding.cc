@@ -110,7 +110,8 @@ std::vector<Pixel> PlaceAnew(const Reseeding& reseeding, const GrayImage& pictur
   for (const Pixel& corner : reseeding.outline) corners.push_back(rounded(corner));
   cv::Mat inside(picture.size.height, picture.size.width, CV_8UC1, cv::Scalar(0)), near = inside.clone();
   cv::fillConvexPoly(inside, corners, cv::Scalar(255));
-  const int reach = std::max(1, cvRound(kReach * reseeding.spacing * std::sqrt(scale_x * scale_y)));
+  const auto most = static_cast<float>(std::max(picture.size.width, picture.size.height));
+  const int reach = cvRound(std::clamp(kReach * reseeding.spacing * std::sqrt(scale_x * scale_y), 1.0f, most));
   for (const Pixel& place : reseeding.belong) cv::circle(near, rounded(place), reach, cv::Scalar(255), cv::FILLED);
   GrayImage mask{picture.size, std::vector<uint8_t>(picture.pixels.size())};
   cv::Mat allowed(picture.size.height, picture.size.width, CV_8UC1, mask.pixels.data());
