@@ -5,15 +5,12 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cstdint>
 
 namespace holdfast {
 namespace {
 
 constexpr uint64_t kSliceNanoseconds = 30'000'000;  // the kernel's own choice is about 3 ms
-constexpr int kNicer = 10;                          // a tenth of the weight that calls have
-constexpr int kNicest = 19;
 
 // As linux/sched/types.h has it, which cannot be included beside sched.h.
 struct SchedulingAttributes {
@@ -35,7 +32,6 @@ void RunInLongSlices() {
   if (syscall(SYS_sched_getattr, kThisThread, &attributes, sizeof attributes, 0U) != 0) return;
   if (attributes.policy != SCHED_OTHER) return;  // whoever chose another policy knows better
   attributes.runtime = kSliceNanoseconds;
-  attributes.nice = std::min(attributes.nice + kNicer, kNicest);
   syscall(SYS_sched_setattr, kThisThread, &attributes, 0U);
 }
 

@@ -5,10 +5,9 @@ namespace holdfast {
 
 // Has the kernel run the calling thread, and threads that it creates from now on, for longer at a time, but step back
 // at once for threads that wake up: those which take calls, answer them and decode frames do so in microseconds and
-// would otherwise wait for a slice to end at each of their steps, while every processor computes. The thread is nicer,
-// too: beside one that never sleeps a thread that has just run counts as served, and would wait for the next tick of the
-// kernel, 4 ms. Processes of other control groups or terminals get no more for it. Slices are of Linux 6.12 and later;
-// earlier kernels take no notice of them, and neither is it an error elsewhere.
+// would otherwise wait for a slice to end at each of their steps, while every processor computes. The share of the
+// processors stays what it was. Linux 6.12 and later; earlier kernels take no notice, and neither is it an error
+// elsewhere.
 void RunInLongSlices();
 
 }  // namespace holdfast
