@@ -27,6 +27,7 @@ import json
 import os
 import pathlib
 import platform
+import signal
 import subprocess
 import sys
 import tempfile
@@ -46,7 +47,7 @@ QUICK = (("decode/-", ".*/-", True), ("flow/-", "384x512/(64|256)", True),
          ("update/small", "-/(1|64|256)", True), ("update/pips2", "-/(1|64)", False),
          ("window/small", "(256x320/64|384x512/256)", False), ("window/(pips2|paper)", "256x320/64", False))
 
-QUICK_SESSIONS = {"quiet": (1, 4, 8), "1 busy": (1, 4)}  # 4 elsewhere
+QUICK_SESSIONS = {"quiet": (1, 4, 8)}  # 4 elsewhere
 
 
 def machine():
@@ -96,7 +97,7 @@ def measure_stages(options, notes):
 def measure_served(options, notes):
     common = {"flags": options.flags, "rounds": options.repetitions, "notes": notes["served"]}
     if not options.full:
-        return served.serve(options.programs, **common, size="256x192", points=64, seconds=3,
+        return served.serve(options.programs, **common, size="256x192", points=64, seconds=2,
                             sessions_of=lambda place: QUICK_SESSIONS.get(place, (4,)))
     return served.serve(options.programs, **common, size="512x384", points=64, seconds=15,
                         sessions_of=lambda place: (1, 4, 8))
@@ -133,6 +134,7 @@ def parse(arguments):
 
 
 def main():
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # servers and groups of processes are put away
     options = parse(sys.argv[1:])
     old = read(options.compare) if options.compare else None  # before --out is written, which may be the same
     rows, notes = {}, {part: [] for part in options.only}

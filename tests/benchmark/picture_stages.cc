@@ -73,6 +73,7 @@ void RegisterDecode(ImageSize processing) {
                   return [=] {
                     const absl::string_view bytes(reinterpret_cast<const char*>(jpeg.data()), jpeg.size());
                     GrayImage gray;
+                    gray.size = FlowSize(size, processing);
                     DecodeFrame(bytes, format, size, processing, &gray).value();
                   };
                 }});
