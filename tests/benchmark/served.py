@@ -113,5 +113,6 @@ def serve(programs, flags, sessions_of, rounds, notes, **options):
                                           {"part": "served"})
                     for measure, value in place.measure(sessions).items():
                         row.setdefault(measure, []).append(value)
+                    print(f"{name}, {sessions} sessions: {row['frames_per_second'][-1]:.1f} frames/s", file=sys.stderr)
                     row["peak_bytes"] = memory_kb(place.server.process.pid, "VmHWM") * 1024
     return rows
