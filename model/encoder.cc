@@ -32,7 +32,7 @@ EncoderBlockImpl::EncoderBlockImpl(int64_t in_channels, int64_t out_channels, in
 }
 
 torch::Tensor EncoderBlockImpl::forward(const torch::Tensor& x) {
-  const torch::Tensor y = Convolve(InstanceNormRelu(Convolve(x, conv1_)), conv2_);
+  const MeasuredMap y = ConvolveMeasured(ConvolveMeasured(x, conv1_), conv2_);
   return InstanceNormReluAdd(y, shortcut_.is_empty() ? x : InstanceNorm(Convolve(x, shortcut_)));
 }
 
@@ -55,13 +55,14 @@ EncoderImpl::EncoderImpl(const ModelOptions& options) {
 torch::Tensor EncoderImpl::forward(const torch::Tensor& x) {
   const int64_t height = x.size(2) / 8;
   const int64_t width = x.size(3) / 8;
-  torch::Tensor map = InstanceNormRelu(Convolve(x, conv1_));
+  torch::Tensor map = InstanceNormRelu(ConvolveMeasured(x, conv1_));
   std::vector<torch::Tensor> scales;
   for (auto& layer : layers_) {
     map = layer->forward(map);
     scales.push_back(map);
   }
-  return Convolve(InstanceNormRelu(Convolve(ResizeAndJoin(scales, height, width), conv2_)), conv3_);
+  const MeasuredMap joined = ConvolveMeasured(ResizeAndJoin(scales, height, width), conv2_);
+  return Convolve(InstanceNormRelu(joined), conv3_);
 }
 
 }  // namespace holdfast

@@ -34,8 +34,8 @@ TemporalBlockImpl::TemporalBlockImpl(int64_t in_channels, int64_t out_channels, 
       conv2_(register_module("conv2", TemporalConv(out_channels, out_channels))) {}
 
 torch::Tensor TemporalBlockImpl::forward(const torch::Tensor& x) {
-  const torch::Tensor y = conv1_->forward(first_ ? x : InstanceNormRelu(x));
-  torch::Tensor sum = conv2_->forward(InstanceNormRelu(y));
+  const MeasuredMap y = first_ ? ConvolveMeasured(x, conv1_->conv()) : ConvolveMeasured(Measure(x), conv1_->conv());
+  torch::Tensor sum = Convolve(y, conv2_->conv());
   sum.narrow(1, growth_ / 2, x.size(1)).add_(x);
   return sum;
 }

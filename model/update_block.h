@@ -17,6 +17,7 @@ class TemporalConvImpl : public torch::nn::Module {
   TemporalConvImpl(int64_t in_channels, int64_t out_channels);
   // x [N, C, 1, S] channels-last -> [N, C', 1, S] channels-last.
   torch::Tensor forward(const torch::Tensor& x);
+  const torch::nn::Conv1d& conv() const { return conv_; }
 
  private:
   torch::nn::Conv1d conv_{nullptr};

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "model/kernels/norm_blocks.h"
 #include "model/kernels/simd.h"
 
 namespace holdfast {
@@ -86,9 +87,24 @@ HOLDFAST_INLINE ConvolutionMaps AsOneMap(ConvolutionMaps m) {
   return m;
 }
 
-// The rows that [first, first + count) of the rows of one map's result need.
-HOLDFAST_INLINE void GatherRows(const ConvolutionMaps& m, int64_t image, int64_t first, int64_t count,
-                                const Padded& padded) {
+// relu(norm(x)) of a row of the input.
+template <int64_t kWidth>
+HOLDFAST_INLINE void NormRow(const float* x, int64_t pixels, int64_t channels, const float* moments, float* out) {
+  using V = Lanes<kWidth>;
+  const float* rstd = moments + channels;
+  for (int64_t i = 0; i < pixels; ++i, x += channels, out += channels) {
+    int64_t c = 0;
+    for (; c + kWidth <= channels; c += kWidth) {
+      Store(Max((Load<kWidth>(x + c) - Load<kWidth>(moments + c)) * Load<kWidth>(rstd + c), V{}), out + c);
+    }
+    for (; c < channels; ++c) out[c] = std::max((x[c] - moments[c]) * rstd[c], 0.0f);
+  }
+}
+
+// The rows that [first, first + count) of the rows of one map's result need; 'image_rows' are a row of moments' rows.
+template <int64_t kWidth>
+HOLDFAST_INLINE void GatherRows(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t first,
+                                int64_t count, const Padded& padded) {
   const int64_t margin = m.kernel_width / 2 * m.channels;
   const int64_t values = m.width * m.channels;
   const int64_t top = first * m.stride - m.kernel_height / 2;
@@ -99,8 +115,14 @@ HOLDFAST_INLINE void GatherRows(const ConvolutionMaps& m, int64_t image, int64_t
       std::fill_n(row, padded.row_floats, 0.0f);
       continue;
     }
+    const int64_t place = image * m.height + y;
     std::fill_n(row, margin, 0.0f);
-    std::copy_n(m.x + (image * m.height + y) * values, values, row + margin);
+    if (m.moments == nullptr) {
+      std::copy_n(m.x + place * values, values, row + margin);
+    } else {
+      const float* moments = m.moments + place / image_rows * 2 * m.channels;
+      NormRow<kWidth>(m.x + place * values, m.width, m.channels, moments, row + margin);
+    }
     std::fill_n(row + margin + values, margin, 0.0f);
   }
 }
@@ -227,6 +249,14 @@ HOLDFAST_INLINE void RunGroup(const ConvolutionMaps& m, const Padded& padded, fl
   }
 }
 
+// Of rows that have just been written, while they are in the cache.
+HOLDFAST_INLINE void TakeMoments(const ConvolutionMaps& m, const float* y, int64_t row, int64_t rows) {
+  for (int64_t i = 0; i < rows; ++i) {
+    float* mean = m.partial + (row + i) * 2 * m.out_channels;
+    Moments(y + i * m.out_width * m.out_channels, m.out_width, m.out_channels, mean, mean + m.out_channels);
+  }
+}
+
 template <int64_t kWidth>
 HOLDFAST_INLINE void ConvolveGroups(const ConvolutionMaps& maps, float* scratch, int64_t begin, int64_t end) {
   const ConvolutionMaps m = AsOneMap(maps);
@@ -241,7 +271,7 @@ HOLDFAST_INLINE void ConvolveGroups(const ConvolutionMaps& maps, float* scratch,
     const int64_t image = row / m.out_height;
     const int64_t y = row % m.out_height;
     rows = std::min({group, m.out_height - y, end - row});
-    GatherRows(m, image, y, rows, padded);
+    GatherRows<kWidth>(m, maps.height, image, y, rows, padded);
     float* out = m.y + row * m.out_width * m.out_channels;
     // Twelve sums and what is multiplied fill sixteen registers.
     if (PanelChannels<kWidth>(m.out_channels) == 3 * kWidth) {
@@ -249,6 +279,7 @@ HOLDFAST_INLINE void ConvolveGroups(const ConvolutionMaps& maps, float* scratch,
     } else {
       RunGroup<kWidth, 6, 2>(m, padded, out, rows);
     }
+    if (m.partial != nullptr) TakeMoments(m, out, row, rows);
   }
 }
 

@@ -17,8 +17,12 @@ struct ConvolutionMaps {
   const float* x = nullptr;        // [images, height, width, channels]
   const float* weights = nullptr;  // [out_channels, kernel_height, kernel_width, channels]
   const float* bias = nullptr;     // [out_channels]; may be null
-  float* packed = nullptr;         // packed_floats(): weights and bias in the order in which they are read
-  float* y = nullptr;              // [images, out_height, out_width, out_channels]
+  // [images, 2, channels], mean and 1 / deviation, or null: x is normed with them, and cut off at zero, as it is read.
+  const float* moments = nullptr;
+  float* packed = nullptr;  // packed_floats(): weights and bias in the order in which they are read
+  float* y = nullptr;       // [images, out_height, out_width, out_channels]
+  // [images, out_height, 2, out_channels] or null: mean and sum of squares of each row of y (see instance_norm.h).
+  float* partial = nullptr;
 
   int64_t rows() const { return images * out_height; }
   int64_t packed_floats() const;

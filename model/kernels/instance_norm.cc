@@ -9,41 +9,6 @@
 namespace holdfast {
 namespace {
 
-template <typename T>
-HOLDFAST_INLINE void SumRows(const T* __restrict x, const Fold& fold, float* __restrict sums) {
-  std::fill_n(sums, fold.width, 0.0f);
-  for (int64_t r = 0; r < fold.rows; ++r) {
-    for (int64_t i = 0; i < fold.width; ++i) sums[i] += ToFloat(x[r * fold.width + i]);
-  }
-}
-
-template <typename T>
-HOLDFAST_INLINE void SumSquares(const T* __restrict x, const Fold& fold, const float* __restrict mean,
-                                float* __restrict sums) {
-  std::fill_n(sums, fold.width, 0.0f);
-  for (int64_t r = 0; r < fold.rows; ++r) {
-    for (int64_t i = 0; i < fold.width; ++i) {
-      const float d = ToFloat(x[r * fold.width + i]) - mean[i];
-      sums[i] += d * d;
-    }
-  }
-}
-
-template <typename T>
-HOLDFAST_INLINE void Moments(const T* x, int64_t pixels, int64_t channels, float* mean, float* squares) {
-  const Fold fold = FoldOf(pixels, channels);
-  float wide_sums[kMaxWidth] = {};
-  float wide_mean[kMaxWidth];
-  float* sums = fold.fold == 1 ? mean : wide_sums;
-  SumRows(x, fold, sums);
-  if (fold.fold > 1) Narrow(fold, sums, mean);
-  const float scale = 1.0f / static_cast<float>(pixels);
-  for (int64_t c = 0; c < channels; ++c) mean[c] *= scale;
-  sums = fold.fold == 1 ? squares : wide_sums;
-  SumSquares(x, fold, Widen(fold, mean, wide_mean), sums);
-  if (fold.fold > 1) Narrow(fold, sums, squares);
-}
-
 template <int64_t, typename T>
 HOLDFAST_INLINE void BlockMoments(const NormMaps<T>& m, int64_t begin, int64_t end) {
   for (int64_t i = begin; i < end; ++i) {
@@ -97,14 +62,14 @@ HOLDFAST_KERNEL(NormApply, (const NormMaps<float>& maps, int64_t begin, int64_t 
 HOLDFAST_KERNEL(NormApply, (const NormMaps<Bf16>& maps, int64_t begin, int64_t end), Apply, (maps, begin, end))
 
 // Joins means and sums of squares pairwise (Chan et al.): exact where sums of squares would cancel.
-void NormJoinMoments(const float* partial, int64_t pixels, int64_t channels, float* moments) {
-  const int64_t blocks = NormBlocks(pixels);
+void NormJoinMoments(const float* partial, const NormedPixels& pixels, int64_t channels, float* moments) {
+  const int64_t blocks = (pixels.all + pixels.block - 1) / pixels.block;
   for (int64_t c = 0; c < channels; ++c) {
     double mean = 0;
     double squares = 0;
     double count = 0;
     for (int64_t b = 0; b < blocks; ++b) {
-      const double size = static_cast<double>(std::min(kNormBlock, pixels - b * kNormBlock));
+      const double size = static_cast<double>(std::min(pixels.block, pixels.all - b * pixels.block));
       const double delta = partial[b * 2 * channels + c] - mean;
       const double total = count + size;
       mean += delta * size / total;

@@ -37,7 +37,12 @@ struct NormMaps {
 // Each pass works on items [begin, end): of the N * blocks blocks, or of the N maps.
 void NormBlockMoments(const NormMaps<float>& maps, int64_t begin, int64_t end);
 void NormBlockMoments(const NormMaps<Bf16>& maps, int64_t begin, int64_t end);
-void NormJoinMoments(const float* partial, int64_t pixels, int64_t channels, float* moments);  // of one map
+// Moments of one map from those of its blocks, of which the last may be smaller.
+struct NormedPixels {
+  int64_t all;
+  int64_t block;
+};
+void NormJoinMoments(const float* partial, const NormedPixels& pixels, int64_t channels, float* moments);
 void NormApply(const NormMaps<float>& maps, int64_t begin, int64_t end);
 void NormApply(const NormMaps<Bf16>& maps, int64_t begin, int64_t end);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the norm's forward and backward kernels share: blocks of pixels, and how their rows are cut.
+// What kernels that take a norm's moments share: blocks of pixels, how their rows are cut, and the moments of a block.
 #pragma once
 
 #include <algorithm>
@@ -65,6 +65,42 @@ struct WideMoments {
 HOLDFAST_INLINE void WidenMoments(const float* moments, const Fold& fold, WideMoments& wide) {
   wide.mean = Widen(fold, moments, wide.mean_buffer);
   wide.rstd = Widen(fold, moments + fold.channels, wide.rstd_buffer);
+}
+
+template <typename T>
+HOLDFAST_INLINE void SumRows(const T* __restrict x, const Fold& fold, float* __restrict sums) {
+  std::fill_n(sums, fold.width, 0.0f);
+  for (int64_t r = 0; r < fold.rows; ++r) {
+    for (int64_t i = 0; i < fold.width; ++i) sums[i] += ToFloat(x[r * fold.width + i]);
+  }
+}
+
+template <typename T>
+HOLDFAST_INLINE void SumSquares(const T* __restrict x, const Fold& fold, const float* __restrict mean,
+                                float* __restrict sums) {
+  std::fill_n(sums, fold.width, 0.0f);
+  for (int64_t r = 0; r < fold.rows; ++r) {
+    for (int64_t i = 0; i < fold.width; ++i) {
+      const float d = ToFloat(x[r * fold.width + i]) - mean[i];
+      sums[i] += d * d;
+    }
+  }
+}
+
+// Mean and sum of squared distances from it, of each channel.
+template <typename T>
+HOLDFAST_INLINE void Moments(const T* x, int64_t pixels, int64_t channels, float* mean, float* squares) {
+  const Fold fold = FoldOf(pixels, channels);
+  float wide_sums[kMaxWidth] = {};
+  float wide_mean[kMaxWidth];
+  float* sums = fold.fold == 1 ? mean : wide_sums;
+  SumRows(x, fold, sums);
+  if (fold.fold > 1) Narrow(fold, sums, mean);
+  const float scale = 1.0f / static_cast<float>(pixels);
+  for (int64_t c = 0; c < channels; ++c) mean[c] *= scale;
+  sums = fold.fold == 1 ? squares : wide_sums;
+  SumSquares(x, fold, Widen(fold, mean, wide_mean), sums);
+  if (fold.fold > 1) Narrow(fold, sums, squares);
 }
 
 }  // namespace holdfast

@@ -34,25 +34,33 @@ torch::Tensor PartialFor(const torch::Tensor& x) {
   return torch::empty({x.size(0), blocks, 2, x.size(1)}, x.options().dtype(torch::kFloat32));
 }
 
-// x, identity and y [N, C, H, W] channels-last of one dtype; moments [N, 2, C] float32.
+// Of x [N, C, H, W] channels-last -> moments [N, 2, C] float32.
 template <typename T>
-void Forward(const torch::Tensor& x, const torch::Tensor& identity, NormTail tail, const torch::Tensor& y,
-             const torch::Tensor& moments) {
-  NormMaps<T> maps = MapsOf<T>(x, tail);
+void TakeMoments(const torch::Tensor& x, const torch::Tensor& moments) {
+  NormMaps<T> maps = MapsOf<T>(x, NormTail::kNone);
   const torch::Tensor partial = PartialFor(x);
   maps.partial = partial.data_ptr<float>();
   maps.moments = moments.data_ptr<float>();
-  maps.y = KernelData<T>(y);
-  if (identity.defined()) maps.identity = KernelData<T>(identity);
   const int64_t blocks = partial.size(1);
-  const int64_t grain = GrainBlocks(maps.channels);
-  at::parallel_for(0, x.size(0) * blocks, grain,
+  at::parallel_for(0, x.size(0) * blocks, GrainBlocks(maps.channels),
                    [&](int64_t begin, int64_t end) { NormBlockMoments(maps, begin, end); });
   for (int64_t n = 0; n < x.size(0); ++n) {
     const int64_t stride = 2 * maps.channels;
-    NormJoinMoments(maps.partial + n * blocks * stride, maps.pixels, maps.channels, maps.moments + n * stride);
+    NormJoinMoments(maps.partial + n * blocks * stride, {maps.pixels, kNormBlock}, maps.channels,
+                    maps.moments + n * stride);
   }
-  at::parallel_for(0, x.size(0) * blocks, grain, [&](int64_t begin, int64_t end) { NormApply(maps, begin, end); });
+}
+
+// x, identity and y [N, C, H, W] channels-last of one dtype; moments [N, 2, C] float32.
+template <typename T>
+void ApplyMoments(const torch::Tensor& x, const torch::Tensor& identity, NormTail tail, const torch::Tensor& y,
+                  const torch::Tensor& moments) {
+  NormMaps<T> maps = MapsOf<T>(x, tail);
+  maps.moments = moments.data_ptr<float>();
+  maps.y = KernelData<T>(y);
+  if (identity.defined()) maps.identity = KernelData<T>(identity);
+  at::parallel_for(0, x.size(0) * NormBlocks(maps.pixels), GrainBlocks(maps.channels),
+                   [&](int64_t begin, int64_t end) { NormApply(maps, begin, end); });
 }
 
 struct SavedNorm {
@@ -86,23 +94,26 @@ void Backward(const SavedNorm& saved, NormTail tail, const torch::Tensor& grad_y
   at::parallel_for(0, items, grain, [&](int64_t begin, int64_t end) { NormApplyGradients(maps, begin, end); });
 }
 
-std::pair<torch::Tensor, torch::Tensor> RunForward(const torch::Tensor& x, const torch::Tensor& identity,
-                                                   NormTail tail) {
-  const torch::Tensor y = torch::empty_like(x);
+torch::Tensor MomentsOf(const torch::Tensor& x) {
   const torch::Tensor moments = torch::empty({x.size(0), 2, x.size(1)}, x.options().dtype(torch::kFloat32));
-  if (x.scalar_type() == torch::kBFloat16) {
-    Forward<Bf16>(x, identity, tail, y, moments);
-  } else {
-    Forward<float>(x, identity, tail, y, moments);
-  }
-  return {y, moments};
+  x.scalar_type() == torch::kBFloat16 ? TakeMoments<Bf16>(x, moments) : TakeMoments<float>(x, moments);
+  return moments;
+}
+
+torch::Tensor Apply(const torch::Tensor& x, const torch::Tensor& identity, NormTail tail,
+                    const torch::Tensor& moments) {
+  const torch::Tensor y = torch::empty_like(x);
+  x.scalar_type() == torch::kBFloat16 ? ApplyMoments<Bf16>(x, identity, tail, y, moments)
+                                      : ApplyMoments<float>(x, identity, tail, y, moments);
+  return y;
 }
 
 class NormFunction : public torch::autograd::Function<NormFunction> {
  public:
   static torch::Tensor forward(AutogradContext* ctx, const torch::Tensor& x, const torch::Tensor& identity,
                                int64_t tail) {
-    const auto [y, moments] = RunForward(x, identity, static_cast<NormTail>(tail));
+    const torch::Tensor moments = MomentsOf(x);
+    const torch::Tensor y = Apply(x, identity, static_cast<NormTail>(tail), moments);
     ctx->save_for_backward({x, y, moments});
     ctx->saved_data["tail"] = tail;
     return y;
@@ -139,7 +150,7 @@ torch::Tensor Run(const torch::Tensor& x, const torch::Tensor& identity, NormTai
   const torch::Tensor map = ChannelsLast(x);
   const torch::Tensor other = identity.defined() ? ChannelsLast(identity.to(x.scalar_type())) : identity;
   const bool differentiable = x.requires_grad() || (identity.defined() && identity.requires_grad());
-  if (!differentiable || !torch::GradMode::is_enabled()) return RunForward(map, other, tail).first;
+  if (!differentiable || !torch::GradMode::is_enabled()) return Apply(map, other, tail, MomentsOf(map));
   // An autograd function takes no undefined tensors.
   return NormFunction::apply(map, other.defined() ? other : torch::empty({0}), static_cast<int64_t>(tail));
 }
@@ -150,6 +161,23 @@ torch::Tensor InstanceNorm(const torch::Tensor& x) { return Run(x, {}, NormTail:
 torch::Tensor InstanceNormRelu(const torch::Tensor& x) { return Run(x, {}, NormTail::kRelu); }
 torch::Tensor InstanceNormReluAdd(const torch::Tensor& x, const torch::Tensor& identity) {
   return Run(x, identity, NormTail::kReluAddRelu);
+}
+
+MeasuredMap Measure(const torch::Tensor& x) {
+  const bool useful = HasKernel(x) && x.scalar_type() == torch::kFloat32 && !torch::GradMode::is_enabled();
+  if (!useful) return {x, {}};
+  const torch::Tensor map = ChannelsLast(x);
+  return {map, MomentsOf(map)};
+}
+
+torch::Tensor InstanceNormRelu(const MeasuredMap& x) {
+  if (!x.moments.defined()) return InstanceNormRelu(x.map);
+  return Apply(x.map, {}, NormTail::kRelu, x.moments);
+}
+
+torch::Tensor InstanceNormReluAdd(const MeasuredMap& x, const torch::Tensor& identity) {
+  if (!x.moments.defined()) return InstanceNormReluAdd(x.map, identity);
+  return Apply(x.map, ChannelsLast(identity.to(x.map.scalar_type())), NormTail::kReluAddRelu, x.moments);
 }
 
 }  // namespace holdfast

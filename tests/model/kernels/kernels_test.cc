@@ -152,7 +152,7 @@ TEST(KernelsTest, NormAMapAndAddToIt) {
   m.pixels = pixels, m.channels = channels, m.tail = NormTail::kReluAddRelu, m.x = x.data();
   m.identity = identity.data(), m.y = got.data(), m.moments = moments.data(), m.partial = partial.data();
   NormBlockMoments(m, 0, NormBlocks(pixels));
-  NormJoinMoments(m.partial, pixels, channels, m.moments);
+  NormJoinMoments(m.partial, {pixels, kNormBlock}, channels, m.moments);
   NormApply(m, 0, NormBlocks(pixels));
   std::vector<double> want(x.size());
   for (int64_t c = 0; c < channels; ++c) {

@@ -6,6 +6,7 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 
+#include "model/ops/instance_norm.h"
 #include "tests/support/gradient_check.h"
 
 namespace holdfast {
@@ -78,6 +79,36 @@ TEST(ConvolutionForwardTest, EqualsAtensAtAnyShapeAndMapByMap) {
     EXPECT_TRUE(torch::equal(ConvolveAny(x.narrow(0, 7, 2), conv), got.narrow(0, 7, 2)))
         << s.channels << " " << s.width;
   }
+}
+
+// The kernel takes moments as it writes and norms as it reads, which others do one after the other.
+TEST(ConvolutionForwardTest, NormsOnTheWay) {
+  torch::manual_seed(7);
+  torch::nn::Conv2d first(torch::nn::Conv2dOptions(6, 20, 3).stride(2).padding(1));
+  torch::nn::Conv2d second(torch::nn::Conv2dOptions(20, 24, 3).padding(1));
+  const torch::Tensor x = torch::randn({3, 6, 22, 37}).contiguous(torch::MemoryFormat::ChannelsLast);
+  const torch::Tensor identity = torch::randn({3, 24, 11, 19}).contiguous(torch::MemoryFormat::ChannelsLast);
+  const auto chain = [&] {
+    return InstanceNormReluAdd(ConvolveMeasured(ConvolveMeasured(x, first), second), identity);
+  };
+  ASSERT_TRUE(chain().requires_grad());
+  const torch::NoGradGuard no_grad;
+  const torch::Tensor between = InstanceNormRelu(Convolve(x, first));
+  EXPECT_LE(RelativeDifference(chain(), InstanceNormReluAdd(Convolve(between, second), identity)), 1e-5);
+  EXPECT_LE(RelativeDifference(InstanceNormRelu(ConvolveMeasured(x, first)), between), 1e-5);
+}
+
+// Over time each row of the batch is a map with moments of its own.
+TEST(ConvolutionForwardTest, NormsRowsOverTimeOnTheWay) {
+  const torch::NoGradGuard no_grad;
+  torch::manual_seed(8);
+  torch::nn::Conv1d first(torch::nn::Conv1dOptions(12, 26, 3)), second(torch::nn::Conv1dOptions(26, 9, 3));
+  const torch::Tensor scale = torch::arange(1, 8).view({7, 1, 1, 1});
+  const torch::Tensor x = (torch::randn({7, 12, 1, 24}) * scale).contiguous(torch::MemoryFormat::ChannelsLast);
+  const torch::Tensor got = Convolve(ConvolveMeasured(Measure(x), first), second);
+  const torch::Tensor want = Convolve(InstanceNormRelu(Convolve(InstanceNormRelu(x), first)), second);
+  EXPECT_LE(RelativeDifference(got, want), 1e-5);
+  EXPECT_TRUE(torch::equal(Convolve(ConvolveMeasured(Measure(x.narrow(0, 3, 1)), first), second), got.narrow(0, 3, 1)));
 }
 
 }  // namespace
