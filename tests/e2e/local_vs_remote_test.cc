@@ -176,7 +176,8 @@ TEST(LocalVsRemoteTest, BothGiveTheSameTracks) {
   EXPECT_LE(largest, 1e-3f);
   RecordProperty("largest_difference_px", absl::StrCat(largest));
   EXPECT_EQ(over_the_wire.summary_.frames, kFrames);
-  EXPECT_EQ(over_the_wire.summary_.points, 6 + kObjectPoints);
+  EXPECT_GE(over_the_wire.summary_.points, 6 + kObjectPoints);  // and those of the object that were placed anew
+  EXPECT_EQ(over_the_wire.summary_.points, in_process.summary_.points);
   ExpectSameObjects(in_process, over_the_wire);
 
   Collector every_frame;

@@ -18,8 +18,8 @@ torch::Tensor TokenMap(int64_t channels) {
 
 torch::nn::LayerNorm RandomLayerNorm(int64_t channels) {
   torch::nn::LayerNorm norm(torch::nn::LayerNormOptions({channels}).eps(1e-5));
-  norm->weight.data().normal_();
-  norm->bias.data().normal_();
+  norm->weight.data().copy_(torch::randn({channels}));
+  norm->bias.data().copy_(torch::randn({channels}));
   return norm;
 }
 
