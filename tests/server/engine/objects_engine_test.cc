@@ -144,6 +144,7 @@ class ObjectsEngineTest : public EngineTest {
   }
   // Another engine, at whose options one may still look.
   void Restart() {
+    if (engine_ == nullptr) delete model_;  // no engine has taken it
     engine_.reset();
     options_ = EngineOptions();
     options_.sealer = &sealer_;
