@@ -16,6 +16,8 @@ import subprocess
 import sys
 import tempfile
 
+from arguments import split
+
 COLUMNS = ["processed", "hop", "iterations", "least step", "frames/s", "iterations taken", "δ_avg", "survival 16 px",
            "MTE", "ECE"]
 
@@ -42,10 +44,7 @@ def cells(report):
 
 
 def main():
-    arguments, flags = sys.argv[1:], []
-    if "--" in arguments:
-        cut = arguments.index("--")
-        arguments, flags = arguments[:cut], arguments[cut + 1:]
+    arguments, flags = split(sys.argv[1:])
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program", type=pathlib.Path, metavar="EVAL")
     parser.add_argument("--sizes", type=texts, default=["512x384", "256x192"])

@@ -34,6 +34,7 @@ import tempfile
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import bench_report  # noqa: E402
+from arguments import split  # noqa: E402
 import served  # noqa: E402
 
 PARTS = ("ceilings", "stages", "served")
@@ -111,10 +112,7 @@ def read(path):
 
 
 def parse(arguments):
-    flags = []
-    if "--" in arguments:
-        cut = arguments.index("--")
-        arguments, flags = arguments[:cut], arguments[cut + 1:]
+    arguments, flags = split(arguments)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", type=pathlib.Path, metavar="BIN")
     parser.add_argument("--full", action="store_true")

@@ -16,6 +16,8 @@ import subprocess
 import sys
 import tempfile
 
+from arguments import split
+
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "e2e"))
 from server_process import VIDEO, ServerProcess  # noqa: E402
 
@@ -70,10 +72,7 @@ def table(heading, columns, rows):
 
 
 def main():
-    arguments, flags = sys.argv[1:], []
-    if "--" in arguments:
-        cut = arguments.index("--")
-        arguments, flags = arguments[:cut], arguments[cut + 1:]
+    arguments, flags = split(sys.argv[1:])
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", type=pathlib.Path, metavar="BIN")
     parser.add_argument("--sizes", default="512x384,256x192")
