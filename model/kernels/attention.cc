@@ -150,27 +150,40 @@ struct Keys {
 
 HOLDFAST_INLINE Keys KeysOf(const Region& region) { return {region.x0 * (region.y1 - region.y0), region.count()}; }
 
+// One row after the other, each 'stride' floats behind the one before.
+template <typename T>
+struct Matrix {
+  T* first;
+  int64_t stride;
+};
+
+// out[q, .] = sum_i left[q, i] * right[i, .] for two registers' columns: each value of 'left' loaded serves both.
+template <int64_t kWidth>
+HOLDFAST_INLINE void TimesPair(const Matrix<const float>& left, const Matrix<const float>& right, int64_t count,
+                               const Matrix<float>& out) {
+  using V = Lanes<kWidth>;
+  V low[kQueries] = {};
+  V high[kQueries] = {};
+  for (int64_t i = 0; i < count; ++i) {
+    const V first = Load<kWidth>(right.first + i * right.stride);
+    const V second = Load<kWidth>(right.first + i * right.stride + kWidth);
+    for (int64_t q = 0; q < kQueries; ++q) {
+      low[q] += left.first[q * left.stride + i] * first;
+      high[q] += left.first[q * left.stride + i] * second;
+    }
+  }
+  for (int64_t q = 0; q < kQueries; ++q) {
+    Store(low[q], out.first + q * out.stride);
+    Store(high[q], out.first + q * out.stride + kWidth);
+  }
+}
+
 // products[q, j] = sum_d left[q, d] * strip[d, keys.first + j] for all keys, and what the last registers hold besides.
 template <int64_t kWidth>
 HOLDFAST_INLINE void TimesKeys(const float* left, const Keys& keys, int64_t channels, const Scratch& s,
                                float* products) {
-  using V = Lanes<kWidth>;
   for (int64_t j = 0; j < keys.count; j += 2 * kWidth) {
-    V low[kQueries] = {};
-    V high[kQueries] = {};
-    const float* key = s.strip + keys.first + j;
-    for (int64_t d = 0; d < channels; ++d) {
-      const V first = Load<kWidth>(key + d * s.columns);
-      const V second = Load<kWidth>(key + d * s.columns + kWidth);
-      for (int64_t q = 0; q < kQueries; ++q) {
-        low[q] += left[q * s.depth + d] * first;
-        high[q] += left[q * s.depth + d] * second;
-      }
-    }
-    for (int64_t q = 0; q < kQueries; ++q) {
-      Store(low[q], products + q * s.keys + j);
-      Store(high[q], products + q * s.keys + j + kWidth);
-    }
+    TimesPair<kWidth>({left, s.depth}, {s.strip + keys.first + j, s.columns}, channels, {products + j, s.keys});
   }
 }
 
@@ -198,25 +211,10 @@ HOLDFAST_INLINE void TimesTokens(const float* weights, const Keys& keys, int64_t
   for (int64_t q = 0; q < kQueries; ++q) Store(even[q] + odd[q], out + q * s.depth + d);
 }
 
-// The same for two registers' channels: each weight loaded serves both.
+// The same for two registers' channels.
 template <int64_t kWidth>
 HOLDFAST_INLINE void TimesWideTokens(const float* weights, const Keys& keys, int64_t d, const Scratch& s, float* out) {
-  using V = Lanes<kWidth>;
-  V low[kQueries] = {};
-  V high[kQueries] = {};
-  const float* token = s.tokens + keys.first * s.depth + d;
-  for (int64_t j = 0; j < keys.count; ++j, token += s.depth) {
-    const V first = Load<kWidth>(token);
-    const V second = Load<kWidth>(token + kWidth);
-    for (int64_t q = 0; q < kQueries; ++q) {
-      low[q] += weights[q * s.keys + j] * first;
-      high[q] += weights[q * s.keys + j] * second;
-    }
-  }
-  for (int64_t q = 0; q < kQueries; ++q) {
-    Store(low[q], out + q * s.depth + d);
-    Store(high[q], out + q * s.depth + d + kWidth);
-  }
+  TimesPair<kWidth>({weights, s.keys}, {s.tokens + keys.first * s.depth + d, s.depth}, keys.count, {out + d, s.depth});
 }
 
 template <int64_t kWidth>
