@@ -16,11 +16,11 @@ BIN holds holdfast-model-benchmark, holdfast-server and holdfast. Run it on a ma
   time, with the server on one core, and under quotas of 1 and 1.5 processors where cgroups can be used. "Peak MB" is of
   the server since its start.
 
-All figures are medians of repetitions that take turns. --quick, the default, takes some minutes and has each stage and
-preset at one or two sizes; --full takes hours and has all of them. --only measures again what it names and keeps the
-other rows of --out, so that a machine need not be quiet for all parts at once. bfloat16 is left out where the processor
-has to emulate it, unless --bfloat16 wants it. --compare also says what has become of each figure of an older file:
-"better" or "worse" where all repetitions are beyond all of the older ones, by more than 5 %.
+All figures are medians of repetitions that take turns. --quick, the default, takes about ten minutes on two cores and
+has each stage and preset at one or two sizes; --full takes hours and has all of them. --only measures again what it
+names and keeps the other rows of --out, so that a machine need not be quiet for all parts at once. bfloat16 is left out
+where the processor has to emulate it, unless --bfloat16 wants it. --compare also says what has become of each figure of
+an older file: "better" or "worse" where all repetitions are beyond all of the older ones, by more than 5 %.
 """
 import argparse
 import json

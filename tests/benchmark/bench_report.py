@@ -4,9 +4,11 @@
 A row has a name ("encode/small/float32/384x512/-/2", "served/256x192/64/1 busy/4"), the part it belongs to, lists of
 repetitions ("ms", "frames_per_second"...), and single numbers ("operations", "bytes", "peak_bytes").
 """
+import re
 import statistics
 
 FIELDS = ("stage", "preset", "precision", "size", "points", "threads")  # of the names that holdfast-model-benchmark has
+STAGES = ("decode", "flow", "encode", "attention", "pyramid", "correlation", "update", "window")  # in a table's order
 FEWEST_PER_CENT = 5  # that count as a change
 # What is compared, and whether more of it is better.
 MEASURES = {"ms": False, "frames_per_second": True, "first_ms": False, "processor_ms": False}
@@ -106,13 +108,21 @@ def ceilings_table(rows):
     return markdown(("ceiling", "type", "threads", "best", "", "at"), cells)
 
 
+def table_place(name):
+    """What names of stages are sorted by: numbers in them as numbers, whatever order they were measured in."""
+    case = fields_of(name)
+    stage = STAGES.index(case["stage"]) if case["stage"] in STAGES else len(STAGES)
+    numbers = [int(digits) for digits in re.findall(r"\d+", "/".join((case["size"], case["points"], case["threads"])))]
+    return stage, case["preset"], case["precision"], numbers
+
+
 def stages_table(rows):
     cells = []
-    for name, row in rows.items():
-        if row["part"] == "stages":
-            share = f"{100 * row['share']:.0f} %" if "share" in row else ""
-            cells.append((*fields_of(name).values(), number(median(row, "ms")), number(row.get("gflops")), share,
-                          mega(row)))
+    for name in sorted((name for name, row in rows.items() if row["part"] == "stages"), key=table_place):
+        row = rows[name]
+        share = f"{100 * row['share']:.0f} %" if "share" in row else ""
+        cells.append((*fields_of(name).values(), number(median(row, "ms")), number(row.get("gflops")), share,
+                      mega(row)))
     return markdown((*FIELDS, "ms", "GFLOP/s", "of the ceiling", "peak MB"), cells)
 
 

@@ -103,6 +103,16 @@ class TableTest(unittest.TestCase):
 
 
 class CompareTest(unittest.TestCase):
+    def test_stages_stand_in_one_order_whatever_was_measured_first(self):
+        names = ["decode/-/-/64x64/-/1", "encode/small/float32/64x64/-/1", "encode/small/float32/64x64/-/2",
+                 "encode/small/float32/256x320/-/1", "update/small/float32/-/1/2", "update/small/float32/-/64/1",
+                 "update/small/float32/-/256/1"]
+        rows = {}
+        for name in [names[i] for i in (6, 2, 0, 5, 3, 1, 4)]:
+            rows.update(stage(name, [1]))
+        lines = bench_report.stages_table(rows).splitlines()[2:]
+        self.assertEqual(["/".join(cell.strip() for cell in line.split("|")[1:7]) for line in lines], names)
+
     def test_only_what_is_beyond_every_repetition_has_moved(self):
         for before, now, more_is_better, expected in (
                 ([10, 11, 12], [8, 9, 9.5], False, 1), ([10, 11, 12], [8, 9, 10.5], False, 0),
