@@ -2,9 +2,9 @@
 find_program(HOLDFAST_CCACHE ccache)
 if(HOLDFAST_CCACHE)
   # Precompiled headers need the sloppiness, and holdfast_pch says what they are made of; the base directory lets one cache
-  # serve several checkouts; depend mode saves a run of the preprocessor per file.
+  # serve several checkouts, and debuggers are not told where that is; depend mode saves a run of the preprocessor per file.
   set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} CCACHE_DEPEND=1
-    CCACHE_PCH_EXTSUM=1
+    CCACHE_NOHASHDIR=1 CCACHE_PCH_EXTSUM=1
     CCACHE_SLOPPINESS=pch_defines,time_macros,include_file_mtime,include_file_ctime ${HOLDFAST_CCACHE})
   if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
     add_compile_options(-fpch-preprocess)

@@ -17,6 +17,7 @@
 #include "server/engine/local_tracker.h"
 #include "server/logging.h"
 #include "server/server.h"
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
@@ -39,7 +40,7 @@ class NullServerEvents final : public ServerEvents {
 
 // Raw frames, so that both sides see equal pixels.
 std::vector<std::string> ReadClip() {
-  cv::VideoCapture video(HOLDFAST_SOURCE_DIR "/media/pedestrians.mp4", cv::CAP_FFMPEG);
+  cv::VideoCapture video(InSourceTree("media/pedestrians.mp4"), cv::CAP_FFMPEG);
   std::vector<std::string> frames;
   cv::Mat frame, small;
   while (frames.size() < kFrames && video.read(frame)) {
@@ -51,7 +52,7 @@ std::vector<std::string> ReadClip() {
 
 EngineOptions SmallEngine() {
   EngineOptions options;
-  options.weights_path = HOLDFAST_SOURCE_DIR "/weights/small.safetensors";
+  options.weights_path = InSourceTree("weights/small.safetensors");
   options.precision = Precision::kFloat32;
   options.compute_threads = 1;
   options.processing_size = kSize;

@@ -21,6 +21,7 @@
 #include "tests/support/moving_picture.h"
 #include "tests/support/recorders.h"
 #include "tests/support/server_process.h"
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/tcp_proxy.h"
 #include "tests/support/temp_dir.h"
@@ -47,13 +48,12 @@ class ResumeTest : public ::testing::Test {
  protected:
   ResumeTest() : keys_(dir_.File("keys")) {
     std::ofstream(keys_) << "k1:" << std::string(64, 'a') << "\n";
-    std::vector<std::string> flags = {
-        absl::StrCat("--weights=", HOLDFAST_SOURCE_DIR, "/tests/data/interim.safetensors"),
-        "--precision=float32",
-        "--compute_threads=1",
-        "--processing_size=128x96",
-        "--grace_period=0s",
-        absl::StrCat("--checkpoint_keys=", keys_)};
+    std::vector<std::string> flags = {absl::StrCat("--weights=", InSourceTree("tests/data/interim.safetensors")),
+                                      "--precision=float32",
+                                      "--compute_threads=1",
+                                      "--processing_size=128x96",
+                                      "--grace_period=0s",
+                                      absl::StrCat("--checkpoint_keys=", keys_)};
     flags_ = std::move(flags);
   }
 

@@ -27,6 +27,7 @@
 #include "tests/support/golden.h"
 #include "tests/support/gradient_check.h"
 #include "tests/support/networks.h"
+#include "tests/support/source_tree.h"
 
 namespace holdfast {
 namespace {
@@ -305,7 +306,7 @@ TEST_F(Bfloat16OperatorTest, TheTableHoldsEveryOperatorThatTheNetworkRuns) {
 // --- The network as a whole, trained weights, portrait and landscape.
 
 PointModel Trained() {
-  auto loaded = LoadModel(HOLDFAST_SOURCE_DIR "/weights/small.safetensors");
+  auto loaded = LoadModel(InSourceTree("weights/small.safetensors"));
   EXPECT_TRUE(loaded.ok()) << loaded.status();
   return loaded->model;
 }

@@ -9,6 +9,7 @@
 #include "model/point_model.h"
 #include "model/refinement.h"
 #include "tests/support/golden.h"
+#include "tests/support/source_tree.h"
 
 namespace holdfast {
 namespace {
@@ -163,7 +164,7 @@ TEST_F(GoldenTest, ChainedRunFollowsThePublishedScript) {
 }
 
 TEST(InterimWeightsTest, TrackAsExpected) {
-  auto loaded = LoadModel(std::string(HOLDFAST_SOURCE_DIR) + "/tests/data/interim.safetensors");
+  auto loaded = LoadModel(InSourceTree("tests/data/interim.safetensors"));
   ASSERT_TRUE(loaded.ok()) << loaded.status();
   PointModel model = loaded->model;
   const c10::InferenceMode guard;

@@ -9,6 +9,7 @@
 
 #include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"
+#include "tests/support/source_tree.h"
 
 namespace holdfast {
 namespace {
@@ -16,7 +17,7 @@ namespace {
 class PrecisionCheckTest : public testing::Test {
  protected:
   void SetUp() override {
-    auto loaded = LoadModel(HOLDFAST_SOURCE_DIR "/weights/small.safetensors");
+    auto loaded = LoadModel(InSourceTree("weights/small.safetensors"));
     ASSERT_TRUE(loaded.ok()) << loaded.status();
     exact_ = loaded->model;
   }

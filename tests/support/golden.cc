@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "model/checkpoint/safetensors.h"
+#include "tests/support/source_tree.h"
 
 namespace holdfast {
 namespace {
@@ -56,7 +57,7 @@ torch::Tensor FormulaValue(const std::string& name, torch::IntArrayRef shape) {
 }  // namespace
 
 TensorMap ReadGolden(const std::string& name) {
-  auto file = ReadSafetensors(std::string(HOLDFAST_SOURCE_DIR) + "/tests/data/" + name);
+  auto file = ReadSafetensors(InSourceTree(absl::StrCat("tests/data/", name)));
   EXPECT_TRUE(file.ok()) << file.status();
   return file.ok() ? std::move(file->tensors) : TensorMap();
 }

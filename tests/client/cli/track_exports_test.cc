@@ -9,6 +9,7 @@
 #include <sstream>
 #include <string>
 
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
@@ -33,7 +34,7 @@ TrackTable ThreePoints() {
 
 // What the Python client and the page for browsers write too.
 std::string Expected(const std::string& name) {
-  std::ifstream file(HOLDFAST_SOURCE_DIR "/tests/data/exports/" + name);
+  std::ifstream file(InSourceTree(absl::StrCat("tests/data/exports/", name)));
   return {std::istreambuf_iterator<char>(file), {}};
 }
 

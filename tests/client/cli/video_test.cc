@@ -8,6 +8,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <vector>
 
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -58,7 +59,7 @@ TEST(FrameSourceTest, APictureThatDoesNotDecodeIsNamed) {
 }
 
 TEST(FrameSourceTest, AVideoFileGivesAllItsFrames) {
-  const auto source = FrameSource::Open(HOLDFAST_SOURCE_DIR "/media/pedestrians.mp4");
+  const auto source = FrameSource::Open(InSourceTree("media/pedestrians.mp4"));
   ASSERT_THAT(source, IsOk());
   EXPECT_EQ((*source)->size(), (ImageSize{768, 576}));
   EXPECT_EQ((*source)->fps(), 10);
@@ -69,7 +70,7 @@ TEST(FrameSourceTest, AVideoFileGivesAllItsFrames) {
 }
 
 TEST(FrameSourceTest, BeginsAtAnyFrameAndPassesOverOthers) {
-  const std::string video = HOLDFAST_SOURCE_DIR "/media/pedestrians.mp4";
+  const std::string video = InSourceTree("media/pedestrians.mp4");
   const auto whole = FrameSource::Open(video);
   const auto source = FrameSource::Open(video, 5);
   ASSERT_THAT(source, IsOk());

@@ -12,6 +12,7 @@
 
 #include "model/presets.h"
 #include "tests/support/mutate.h"
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -21,7 +22,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-constexpr char kInterim[] = HOLDFAST_SOURCE_DIR "/tests/data/interim.safetensors";
+const std::string kInterim = InSourceTree("tests/data/interim.safetensors");
 
 PointModel TestModel(uint64_t seed = 3) {
   torch::manual_seed(seed);
@@ -55,7 +56,7 @@ absl::Status LoadChanged(const std::function<void(TensorFile&)>& change) {
 }
 
 TEST(CheckpointTest, TheShippedWeightsAreThoseOfPresetSmall) {
-  const auto loaded = LoadModel(HOLDFAST_SOURCE_DIR "/weights/small.safetensors");
+  const auto loaded = LoadModel(InSourceTree("weights/small.safetensors"));
   ASSERT_THAT(loaded, IsOk());
   EXPECT_EQ(loaded->name, "small");
   EXPECT_EQ(PresetName(loaded->model->options()), "small");

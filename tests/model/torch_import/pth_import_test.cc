@@ -6,6 +6,7 @@
 
 #include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -15,7 +16,7 @@ namespace {
 using ::testing::Eq;
 using ::testing::HasSubstr;
 
-constexpr char kPthFixture[] = HOLDFAST_SOURCE_DIR "/tests/data/tiny.pth";
+const std::string kPthFixture = InSourceTree("tests/data/tiny.pth");
 
 StateDict StateOf(const ModelOptions& options) {
   const PointModel model(options);

@@ -12,6 +12,7 @@
 #include "io/file_io.h"
 #include "tests/model/torch_import/pickle_builder.h"
 #include "tests/support/mutate.h"
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -22,7 +23,7 @@ using ::testing::HasSubstr;
 using ::testing::Key;
 using ::testing::UnorderedElementsAre;
 
-constexpr char kFixture[] = HOLDFAST_SOURCE_DIR "/tests/data/tiny.pth";
+const std::string kFixture = InSourceTree("tests/data/tiny.pth");
 
 using Entries = std::map<std::string, std::string>;
 

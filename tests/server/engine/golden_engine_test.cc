@@ -11,6 +11,7 @@
 #include "tests/support/bfloat16_convolutions.h"
 #include "tests/support/golden.h"
 #include "tests/support/networks.h"
+#include "tests/support/source_tree.h"
 
 namespace holdfast {
 namespace {
@@ -74,7 +75,7 @@ TEST(GoldenEngineTest, TheFirstWindowOfHop23IsThatOfThePublishedChaining) {
 // The golden clip's first 24 frames and 8 queries, with weights from a file.
 torch::Tensor RunWeights(const TensorMap& golden, Precision precision) {
   EngineOptions options = Exact({160, 128});
-  options.weights_path = std::string(HOLDFAST_SOURCE_DIR) + "/tests/data/interim.safetensors";
+  options.weights_path = InSourceTree("tests/data/interim.safetensors");
   options.precision = precision;
   SimulatedClock clock;
   NullEngineMetrics metrics;

@@ -20,6 +20,7 @@
 #include "tests/support/networks.h"
 #include "tests/support/recorders.h"
 #include "tests/support/simulated_clock.h"
+#include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -260,7 +261,7 @@ TEST(EngineTest, RefusesWeightsWithABadCalibration) {
   const TempDir dir;
   EngineOptions options = Exact({64, 64});
   options.weights_path = dir.File("m.safetensors");
-  ASSERT_THAT(CopyWithMetadata(HOLDFAST_SOURCE_DIR "/tests/data/interim.safetensors", options.weights_path,
+  ASSERT_THAT(CopyWithMetadata(InSourceTree("tests/data/interim.safetensors"), options.weights_path,
                                Calibration::kMetadataKey, "{}"),
               IsOk());
   SystemClock clock;
