@@ -10,6 +10,7 @@
 
 #include <cstdlib>
 
+#include "model/ops/convolution.h"
 #include "model/ops/correlation.h"
 #include "model/ops/instance_norm.h"
 #include "model/ops/patch_attention.h"
@@ -38,6 +39,38 @@ void BM_CorrelationGradient(benchmark::State& state) {
   for ([[maybe_unused]] auto _ : state) Correlate(BuildCells(maps, 4), templates, xy, 3).sum().backward();
 }
 BENCHMARK(BM_CorrelationGradient)->Arg(kFloat)->Arg(kHalf)->UseRealTime();
+
+// Three pixels wide, of float32 maps without a gradient. Arguments: channels of x and of the result, height (1: over
+// time), width, batch.
+void BM_Convolution(benchmark::State& state) {
+  const c10::InferenceMode guard;
+  const torch::Tensor x = torch::randn({state.range(4), state.range(0), state.range(2), state.range(3)})
+                              .contiguous(torch::MemoryFormat::ChannelsLast);
+  if (state.range(2) > 1) {
+    torch::nn::Conv2d conv(torch::nn::Conv2dOptions(state.range(0), state.range(1), 3));
+    UseChannelsLast(conv);
+    for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Convolve(x, conv));
+  } else {
+    torch::nn::Conv1d conv(torch::nn::Conv1dOptions(state.range(0), state.range(1), 3));
+    UseChannelsLast(conv);
+    for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Convolve(x, conv));
+  }
+}
+BENCHMARK(BM_Convolution)
+    ->Args({24, 24, 192, 256, 1})
+    ->Args({32, 32, 96, 128, 1})
+    ->Args({48, 48, 48, 64, 1})
+    ->Args({64, 64, 96, 128, 1})
+    ->Args({96, 96, 48, 64, 1})
+    ->Args({128, 128, 48, 64, 1})
+    ->Args({416, 256, 48, 64, 1})
+    ->Args({48, 48, 1, 24, 64})
+    ->Args({96, 96, 1, 24, 64})
+    ->Args({192, 192, 1, 24, 64})
+    ->Args({384, 384, 1, 24, 64})
+    ->Args({384, 384, 1, 24, 4})
+    ->Args({1024, 1024, 1, 24, 16})
+    ->UseRealTime();
 
 // Arguments: precision, channels, height, width.
 void BM_InstanceNorm(benchmark::State& state) {
