@@ -140,15 +140,18 @@ absl::Status Session::PlaceObjects(int64_t index, absl::Span<const WaitingObject
 }
 
 void Session::SubmitFlow() {
-  if (flow_ == nullptr) return;
-  threads_.submit([self = shared_from_this()] { self->AdvanceFlow(); });
+  if (flow_ == nullptr || flow_job_waits_.exchange(true)) return;
+  threads_.submit([self = shared_from_this()] {
+    self->flow_job_waits_ = false;
+    self->AdvanceFlow();
+  });
 }
 
 void Session::AdvanceFlow() {
   if (flow_ == nullptr || !flow_->BeginSteps()) return;
   RunFlow([this] {
     do {
-      FetchOps(flow_->newest());
+      FetchOps(flow_->newest(), /*applied=*/false);
       SteadyTime begin = clock_.SteadyNow();
       while (flow_->Step()) {
         const SteadyTime end = clock_.SteadyNow();
@@ -161,15 +164,15 @@ void Session::AdvanceFlow() {
   threads_.notify();  // windows may have their starts now
 }
 
-void Session::FetchOps(int64_t newest) {
+void Session::FetchOps(int64_t newest, bool applied) {
   absl::MutexLock lock(&ops_mutex_);
-  const std::vector<PointOp> ops = inbox_.TakeOps(newest);
+  const std::vector<PointOp> ops = inbox_.TakeOps(newest, applied);
   if (flow_ != nullptr) flow_->Apply(ops);
   ops_.insert(ops_.end(), ops.begin(), ops.end());
 }
 
 std::vector<PointOp> Session::TakeOps(int64_t newest) {
-  FetchOps(newest);
+  FetchOps(newest, /*applied=*/true);
   std::vector<PointOp> ops;
   absl::MutexLock lock(&ops_mutex_);
   for (; !ops_.empty() && ops_.front().frame <= newest; ops_.pop_front()) ops.push_back(ops_.front());

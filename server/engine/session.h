@@ -120,6 +120,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void PolishNextFrame();
   // What the work throws ends the session.
   void RunFlow(absl::FunctionRef<void()> work) ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
+  // AdvanceFlow on the decode pool, unless a job waits there that will do.
   void SubmitFlow();
   // Seals 'state' and sends it, or says that there is no checkpoint any more.
   void SendCheckpoint(const SessionState& state) ABSL_LOCKS_EXCLUDED(emit_mutex_);
@@ -127,8 +128,8 @@ class Session : public std::enable_shared_from_this<Session> {
   ImageSize flow_size() const { return FlowSize(inbox_.frame_size(), options_.accepted.processing_size); }
 
   // Either: moves the operations up to this frame from the inbox to where the tracks take them from, and seeds and ends
-  // chains as they say.
-  void FetchOps(int64_t newest) ABSL_LOCKS_EXCLUDED(ops_mutex_);
+  // chains as they say. 'applied': the tracks take them at once.
+  void FetchOps(int64_t newest, bool applied) ABSL_LOCKS_EXCLUDED(ops_mutex_);
   std::vector<PointOp> TakeOps(int64_t newest) ABSL_LOCKS_EXCLUDED(ops_mutex_);
   bool AnyOps() ABSL_LOCKS_EXCLUDED(ops_mutex_);
   // To a listener that wants to know.
@@ -177,7 +178,8 @@ class Session : public std::enable_shared_from_this<Session> {
   EngineMetrics& metrics_;
   const Threads threads_;
   SessionInbox inbox_;
-  const std::unique_ptr<SessionFlow> flow_;      // null: nothing needs it
+  const std::unique_ptr<SessionFlow> flow_;  // null: nothing needs it
+  std::atomic<bool> flow_job_waits_{false};
   const std::unique_ptr<SessionPolish> polish_;  // null: not asked for
   absl::Mutex ops_mutex_;                        // held while operations are moved, so that they keep their order
   std::deque<PointOp> ops_ ABSL_GUARDED_BY(ops_mutex_);  // known to the flow, not to the tracks yet

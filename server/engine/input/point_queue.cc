@@ -172,13 +172,15 @@ void PointQueue::CheckPositions(ImageSize size, Violations& violations) const {
   }
 }
 
-std::vector<PointOp> PointQueue::Take(int64_t newest_frame) {
+std::vector<PointOp> PointQueue::Take(int64_t newest_frame, bool applied) {
   std::vector<PointOp> ops;
   while (!waiting_.empty() && waiting_.front().op.frame <= newest_frame) {
     ops.push_back(waiting_.front().op);
     waiting_.pop_front();
   }
-  if (newest_frame >= frame_) ForgetPlaces();
+  if (newest_frame < frame_) return ops;
+  newest_.clear();
+  if (applied) at_frame_ = 0;
   return ops;
 }
 

@@ -67,8 +67,9 @@ class PointQueue {
   // Adds the seeds that lie outside a frame of this size, by the names that they came with.
   void CheckPositions(ImageSize size, Violations& violations) const;
 
-  // The changes up to 'newest_frame', in order.
-  std::vector<PointOp> Take(int64_t newest_frame);
+  // The changes up to 'newest_frame', in order. Where they are not 'applied' at once they still count as waiting, until
+  // a later call takes what is to be.
+  std::vector<PointOp> Take(int64_t newest_frame, bool applied = true);
   void DropFrom(int64_t frame);
   bool empty() const { return waiting_.empty(); }
   int64_t size() const { return static_cast<int64_t>(waiting_.size()); }
@@ -102,7 +103,7 @@ class PointQueue {
   std::list<Waiting> waiting_;
   uint64_t serial_ = 0;  // of the next seed
   int64_t frame_ = 0;
-  int64_t at_frame_ = 0;                            // how many of waiting_ belong to frame_
+  int64_t at_frame_ = 0;                            // changes at frame_ that wait, here or where they were taken to
   absl::flat_hash_map<PointId, Newest> newest_;     // ids whose last seed waits and belongs to frame_, but of objects
   absl::flat_hash_set<PointId> ids_;                // tracked once every change has taken effect
   absl::flat_hash_map<ObjectId, int64_t> objects_;  // how many of ids_ each has

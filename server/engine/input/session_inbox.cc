@@ -255,9 +255,9 @@ SessionInbox::Taken SessionInbox::TakeFrames(int64_t count) {
   return taken;
 }
 
-std::vector<PointOp> SessionInbox::TakeOps(int64_t newest_frame) {
+std::vector<PointOp> SessionInbox::TakeOps(int64_t newest_frame, bool applied) {
   absl::MutexLock lock(&mutex_);
-  return points_.Take(newest_frame);
+  return points_.Take(newest_frame, applied);
 }
 
 bool SessionInbox::drained() const {

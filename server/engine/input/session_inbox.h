@@ -96,7 +96,8 @@ class SessionInbox {
   };
   // REQUIRES: count <= ready().
   Taken TakeFrames(int64_t count) ABSL_LOCKS_EXCLUDED(mutex_);
-  std::vector<PointOp> TakeOps(int64_t newest_frame) ABSL_LOCKS_EXCLUDED(mutex_);
+  // As PointQueue::Take.
+  std::vector<PointOp> TakeOps(int64_t newest_frame, bool applied = true) ABSL_LOCKS_EXCLUDED(mutex_);
   // Ended, and nothing is left to take.
   bool drained() const ABSL_LOCKS_EXCLUDED(mutex_);
   bool suspended() const ABSL_LOCKS_EXCLUDED(mutex_);

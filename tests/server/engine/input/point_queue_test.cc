@@ -132,6 +132,17 @@ TEST(PointQueueTest, WhatWasTakenMakesRoom) {
   }
 }
 
+TEST(PointQueueTest, WhatWasTakenAndNotAppliedStillWaits) {
+  PointQueue queue(kPoints);
+  for (int i = 0; i < kMostAtOneFrame; ++i) {
+    ASSERT_THAT(Seed(queue, {{1, 1}}), IsOk());
+    ASSERT_EQ(queue.Take(0, /*applied=*/false).size(), 1U);
+  }
+  EXPECT_THAT(Seed(queue, {{1, 1}}), StatusIs(kExhausted));
+  EXPECT_THAT(queue.Take(0), IsEmpty());
+  EXPECT_THAT(Seed(queue, {{1, 1}}), IsOk());
+}
+
 TEST(PointQueueTest, EveryPointCanBeReplacedAtOneFrame) {
   constexpr int kMany = 5000;
   PointQueue queue(kMany);
