@@ -28,8 +28,10 @@ using beast::error_code;
 constexpr char kProtocol[] = "holdfast.v1";
 constexpr char kTokenPrefix[] = "bearer.";
 constexpr std::chrono::seconds kHandshakeTime(10);    // to open and to close
+constexpr std::chrono::seconds kEndTime(20);          // ...and to take what is said last
 constexpr size_t kKeptBufferBytes = size_t{1} << 20;  // beyond it a message's memory is given back
 
+// 'keepalive_time' of a day or more: silence is no sign.
 websocket::stream_base::timeout Timeouts(absl::Duration keepalive_time) {
   websocket::stream_base::timeout timeouts{kHandshakeTime, websocket::stream_base::none(), false};
   if (keepalive_time < absl::Hours(24)) {
@@ -69,9 +71,13 @@ class WebSocket::Live final : public LiveStream {
 
 WebSocket::WebSocket(beast::tcp_stream connection, const Options& options, ServedStreams& streams,
                      std::shared_ptr<void> place)
-    : socket_(std::move(connection)), streams_(streams), place_(std::move(place)) {
+    : socket_(std::move(connection)),
+      end_timer_(socket_.get_executor()),
+      streams_(streams),
+      place_(std::move(place)),
+      keepalive_time_(options.keepalive_time) {
   beast::get_lowest_layer(socket_).expires_never();  // the socket has timeouts of its own
-  socket_.set_option(Timeouts(options.keepalive_time));
+  socket_.set_option(Timeouts(absl::InfiniteDuration()));
   socket_.read_message_max(static_cast<size_t>(options.max_message_bytes));
   socket_.binary(true);
 }
@@ -121,21 +127,31 @@ void WebSocket::Cancel() {
 
 void WebSocket::Read() {
   if (gone_ || finished_) return;
+  // Only who is read from can show that it is there: a client that is held back is not asked.
+  socket_.set_option(Timeouts(keepalive_time_));
   socket_.async_read(incoming_, [self = shared_from_this()](error_code error, size_t) {
+    self->socket_.set_option(Timeouts(absl::InfiniteDuration()));
     if (self->live_ == nullptr) return;
     if (error) return self->Gone();
     self->TakeMessage();
+    if (self->said_all_) self->Read();
   });
 }
 
 void WebSocket::TakeMessage() {
+  if (said_all_) return ClearIncoming();
   const auto bytes = incoming_.cdata();
   absl::StatusOr<v1::TrackRequest> request =
       socket_.got_binary() ? ParseRequest({static_cast<const char*>(bytes.data()), bytes.size()}, max_points_)
                            : InvalidFieldError("request", "is a text message, expected a binary one");
-  incoming_.consume(bytes.size());
-  if (incoming_.capacity() > kKeptBufferBytes) incoming_.shrink_to_fit();
+  ClearIncoming();
+  said_all_ = request.ok() && request->has_finish();
   live_->stream().OnRequest(std::move(request));
+}
+
+void WebSocket::ClearIncoming() {
+  incoming_.clear();
+  if (incoming_.capacity() > kKeptBufferBytes) incoming_.shrink_to_fit();
 }
 
 void WebSocket::Write(std::string bytes) {
@@ -153,6 +169,10 @@ void WebSocket::Write(std::string bytes) {
 void WebSocket::End(const absl::Status& status) {
   finished_ = true;
   if (gone_) return Retire();
+  end_timer_.expires_after(kEndTime);
+  end_timer_.async_wait([socket = weak_from_this()](error_code error) {
+    if (const auto self = socket.lock(); self != nullptr && !error) self->Gone();
+  });
   if (status.ok()) return Close(status);
   v1::TrackResponse response;
   *response.mutable_error() = ToRpcStatus(status);

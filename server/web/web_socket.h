@@ -2,6 +2,7 @@
 #pragma once
 
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http/empty_body.hpp>
@@ -21,7 +22,8 @@ namespace holdfast {
 // A WebSocket that carries one Track stream: a binary message is a TrackRequest or a TrackResponse. A stream that ends
 // with an error, or that is not admitted, has TrackResponse.error as its last message; then the socket is closed. All
 // that happens to it happens on the thread of its executor; only the calls of StreamCarrier come from elsewhere. It
-// lives as long as one of its handlers or its stream.
+// lives as long as one of its handlers or its stream. Whether the client is still there is asked while a message is
+// awaited; once it has said all, that goes on to the end, and what comes is left aside.
 class WebSocket final : public StreamCarrier, public std::enable_shared_from_this<WebSocket> {
  public:
   using UpgradeRequest = boost::beast::http::request<boost::beast::http::empty_body>;
@@ -47,6 +49,7 @@ class WebSocket final : public StreamCarrier, public std::enable_shared_from_thi
   void Open(const std::string& authorization, const std::string& peer);
   void Read();
   void TakeMessage();
+  void ClearIncoming();
   void Write(std::string bytes);
   void End(const absl::Status& status);
   void Close(const absl::Status& status);
@@ -56,12 +59,15 @@ class WebSocket final : public StreamCarrier, public std::enable_shared_from_thi
   void OnItsThread(Do what);  // later, never from within this call
 
   boost::beast::websocket::stream<boost::beast::tcp_stream> socket_;
+  boost::asio::steady_timer end_timer_;
   ServedStreams& streams_;
   const std::shared_ptr<void> place_;
+  const absl::Duration keepalive_time_;
   boost::beast::flat_buffer incoming_;
   std::string outgoing_;  // while a write is in flight
   int max_points_ = 0;
   Live* live_ = nullptr;   // null: there is no stream yet, or it is retired
+  bool said_all_ = false;  // the client has
   bool gone_ = false;      // nothing can be sent any more
   bool finished_ = false;  // the stream has ended
 };

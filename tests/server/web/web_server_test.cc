@@ -173,6 +173,19 @@ TEST_F(WebServerTest, AClientThatLeavesTakesItsSessionAlong) {
   }
 }
 
+// Though nothing more is wanted of it.
+TEST_F(WebServerTest, AClientThatHasSaidAllAndLeavesTakesItsSessionAlong) {
+  engine_.Hold();
+  for (const bool talkative : {false, true}) {
+    SocketCall call(port(), JpegConfig());
+    call.SendFrames(3);
+    call.Finish();
+    if (talkative) call.SendFrame(3);
+    call.Leave(/*cleanly=*/false);
+    AwaitNoSession(engine_);
+  }
+}
+
 TEST_F(WebServerTest, WhoOffersAnotherProtocolGetsNoSocket) {
   EXPECT_EQ(AskForSocket(port(), {}), 426U);
   EXPECT_EQ(AskForSocket(port(), {{"Sec-WebSocket-Protocol", "holdfast.v2"}}), 426U);
@@ -266,6 +279,23 @@ TEST(WebServerTokenTest, ATokenComesAsASubprotocolOrAsAHeader) {
     call->Finish();
     EXPECT_TRUE(call->ReadToEnd().has_summary());
   }
+}
+
+// Answers to pings wait behind messages that the server does not read yet.
+TEST(WebServerIdleTest, AClientThatIsHeldBackIsNotTakenForDead) {
+  FakeEngine engine;
+  ServerOptions options = WithWeb();
+  options.keepalive_time = absl::Milliseconds(500);
+  TestServer server(&engine, options);
+  engine.Hold();
+  SocketCall held(server.server().web_port(), JpegConfig());
+  held.SendFrames(8);
+  held.Finish();
+  engine.AwaitFramesTaken(4);
+  const SocketCall silent(server.server().web_port(), JpegConfig());  // answers no ping
+  while (engine.live_sessions() > 1) std::this_thread::yield();
+  engine.Release();
+  EXPECT_EQ(held.ReadToEnd().summary().frames(), 8);
 }
 
 // Results that nobody takes: the connection's buffers fill up, the stream is cut off, and others do not wait for it.
