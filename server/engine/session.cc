@@ -62,7 +62,8 @@ Session::Session(const Options& options, SessionListener& listener, Clock& clock
       latency_(metrics),
       objects_(options.provisional, {options.windows.frames, options.windows.revise_last ? 0 : options.windows.hop}),
       ticket_(std::move(ticket)),
-      tracks_(options.windows, options.provisional, options.confidence) {}
+      tracks_(options.windows, options.provisional, options.confidence),
+      reseeding_(options.accepted.processing_size, inbox_, tracks_, flow_.get()) {}
 
 void Session::SetFlowGeometry() {
   const ImageSize processing = options_.accepted.processing_size, flow = flow_size();
@@ -242,7 +243,7 @@ void Session::ApplyOps(TrackerModel& model) {
     // Consecutive seeds of a frame are sampled together.
     size_t end = i + 1;
     while (end < ops.size() && ops[end].kind == PointOp::Kind::kSeed && ops[end].frame == ops[i].frame) ++end;
-    Seed(absl::MakeSpan(ops).subspan(i, end - i), model);
+    SeedTracks(absl::MakeSpan(ops).subspan(i, end - i), model, tracks_);
     i = end;
   }
   CountPoints(before);
@@ -265,15 +266,13 @@ void Session::Remove(const PointOp& removal) {
 
 bool Session::ReseedObjects(TrackerModel& model) {
   const int64_t before = tracks_.tracks();
-  bool any = false;
+  std::optional<int64_t> points;
   {
     absl::MutexLock lock(&emit_mutex_);
-    while (ObjectGroup* group = objects_.AnyReseeding()) {
-      Reseed(*group, model);
-      any = true;
-    }
+    points = reseeding_.Run(objects_, model);
   }
-  if (!any) return false;
+  if (!points) return false;
+  summary_.points += *points;
   CountPoints(before);
   SubmitFlow();
   return true;
@@ -282,49 +281,6 @@ bool Session::ReseedObjects(TrackerModel& model) {
 bool Session::AnyMeeting() {
   absl::MutexLock lock(&emit_mutex_);
   return objects_.AnyMeeting();
-}
-
-void Session::Reseed(ObjectGroup& group, TrackerModel& model) {
-  const Reseeding& reseeding = *group.reseeding();
-  const int64_t frame = reseeding.frame, stop = group.covered_at_meeting() + 1;
-  // A session that was resumed with an impossible object may not have the frame.
-  const FeatureCache& cache = tracks_.cache();
-  const bool there = frame >= cache.oldest() && frame <= cache.newest();
-  std::vector<Pixel> places;
-  if (there) places = PlaceAnew(reseeding, PictureOf(frame), inbox_.frame_size());
-  uint64_t serial = inbox_.TakeSerials(static_cast<int64_t>(places.size()));
-  std::vector<PointOp> seeds, removals;
-  for (const ObjectGroup::Reseeded& made : group.Reseed(places)) {
-    seeds.push_back({PointOp::Kind::kSeed, frame, made.point, serial++, 1});
-    if (tracks_.Stop(made.before, made.before_queried, stop)) {
-      removals.push_back({PointOp::Kind::kRemove, stop - 1, {made.before}});
-    }
-    if (made.removed_after) removals.push_back({PointOp::Kind::kRemove, *made.removed_after, {made.point.id}});
-  }
-  if (seeds.empty()) return;
-  summary_.points += static_cast<int64_t>(seeds.size());
-  Seed(seeds, model);
-  for (const PointOp& removal : removals) tracks_.Remove(removal.query.id, removal.frame);
-  if (flow_ == nullptr) return;
-  flow_->Apply(seeds);
-  flow_->Apply(removals);
-}
-
-GrayImage Session::PictureOf(int64_t frame) const {
-  if (flow_ != nullptr) {
-    if (const FlowPyramidPtr pyramid = flow_->PictureOf(frame)) return pyramid->picture();
-  }
-  const ImageSize size = flow_size();
-  return {size, std::vector<uint8_t>(static_cast<size_t>(Pixels(size)))};
-}
-
-void Session::Seed(absl::Span<const PointOp> ops, TrackerModel& model) {
-  std::vector<Position> positions;
-  for (const PointOp& op : ops) positions.push_back(tracks_.geometry().ToFeatures(op.query.x, op.query.y));
-  std::vector<std::vector<float>> features = model.Sample(*tracks_.cache().At(ops.front().frame), positions);
-  for (size_t i = 0; i < ops.size(); ++i) {
-    tracks_.Seed({ops[i].serial, ops[i].query, ops[i].frame, positions[i], std::move(features[i])});
-  }
 }
 
 void Session::CountPoints(int64_t before) {

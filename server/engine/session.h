@@ -26,6 +26,7 @@
 #include "server/engine/session_flow.h"
 #include "server/engine/session_objects.h"
 #include "server/engine/session_polish.h"
+#include "server/engine/session_reseeding.h"
 #include "server/engine/session_state.h"
 #include "server/engine/tracker_model.h"
 #include "server/engine/tracks/track_set.h"
@@ -161,14 +162,10 @@ class Session : public std::enable_shared_from_this<Session> {
   void EndTracks();
   void Evict();
   absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
-  void Seed(absl::Span<const PointOp> ops, TrackerModel& model);
   void Remove(const PointOp& removal) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   // Places points anew where objects have lost some by their final word. True: there were such objects.
   bool ReseedObjects(TrackerModel& model) ABSL_LOCKS_EXCLUDED(emit_mutex_);
   bool AnyMeeting() ABSL_LOCKS_EXCLUDED(emit_mutex_);
-  void Reseed(ObjectGroup& group, TrackerModel& model) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
-  // The frame in grey; plain grey where nothing keeps pictures.
-  GrayImage PictureOf(int64_t frame) const;
   void CountPoints(int64_t before);
 
   const Options options_;
@@ -204,6 +201,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // Compute thread only.
   std::unique_ptr<Admission::Ticket> ticket_;
   TrackSet tracks_;
+  SessionReseeding reseeding_;
   SessionSummary summary_;
   struct {
     int64_t frame = -1;
