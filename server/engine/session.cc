@@ -294,7 +294,9 @@ std::vector<DueRow> Session::DueRows() const {
   // Who resumes a session that is suspended says how it ends.
   const bool ended = inbox_.drained() && !inbox_.suspended() && !CatchingUp();
   std::vector<DueRow> rows = tracks_.Due(ended);
-  {
+  // Nobody else's windows wait for who speaks to the listener.
+  const auto of_object = [](const DueRow& row) { return IsObjectPoint(row.track->id()); };
+  if (std::any_of(rows.begin(), rows.end(), of_object)) {
     absl::MutexLock lock(&emit_mutex_);
     rows.erase(std::remove_if(rows.begin(), rows.end(),
                               [this](const DueRow& row) {
