@@ -16,8 +16,7 @@ namespace holdfast {
 // Estimates as they come, a line of JSON each (NDJSON):
 //   {"id", "name", "frame", "x", "y", "visible", "confidence", "final"}
 // and of an object, whose outline is in files alone:
-//   {"object", "frame", "x", "y", "scale", "rotation", "visible", "left", "joined",
-//    "final"}
+//   {"object", "frame", "x", "y", "scale", "rotation", "visible", "left", "joined", "final"}
 // each with "capture_time" where the table knows one. A later line about the same point or object and frame takes the
 // place of an earlier one, until one is final. The last line is
 //   {"complete", "frames", "final_frames", "expected_frames"}, as in TrackExtent.
