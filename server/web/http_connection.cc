@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "server/web/page_files.h"
+#include "server/web/subprotocols.h"
 
 namespace holdfast {
 namespace {

@@ -8,15 +8,11 @@
 #include <chrono>
 #include <utility>
 
-#include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
-#include "absl/strings/strip.h"
 #include "api/errors.h"
 #include "proto/grpc_status.h"
 #include "server/streams/message_codec.h"
 #include "server/tracing/trace_context.h"
+#include "server/web/subprotocols.h"
 
 namespace holdfast {
 namespace {
@@ -25,8 +21,6 @@ namespace beast = boost::beast;
 namespace websocket = beast::websocket;
 using beast::error_code;
 
-constexpr char kProtocol[] = "holdfast.v1";
-constexpr char kTokenPrefix[] = "bearer.";
 constexpr std::chrono::seconds kHandshakeTime(10);    // to open and to close
 constexpr std::chrono::seconds kEndTime(20);          // ...and to take what is said last
 constexpr size_t kKeptBufferBytes = size_t{1} << 20;  // beyond it a message's memory is given back
@@ -89,8 +83,9 @@ void WebSocket::OnItsThread(Do what) {
 }
 
 void WebSocket::Accept(const UpgradeRequest& request, std::string authorization, std::string peer) {
-  socket_.set_option(websocket::stream_base::decorator(
-      [](websocket::response_type& response) { response.set(beast::http::field::sec_websocket_protocol, kProtocol); }));
+  socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
+    response.set(beast::http::field::sec_websocket_protocol, kTrackSubprotocol);
+  }));
   socket_.async_accept(request, [self = shared_from_this(), authorization = std::move(authorization),
                                  peer = std::move(peer)](error_code error) {
     if (!error) self->Open(authorization, peer);
@@ -199,20 +194,6 @@ void WebSocket::Gone() {
 
 void WebSocket::Retire() {
   if (live_ != nullptr) streams_.Retire(std::exchange(live_, nullptr));
-}
-
-std::string AuthorizationOf(absl::string_view subprotocols, bool& offers_protocol) {
-  std::string authorization;
-  offers_protocol = false;
-  for (absl::string_view offered : absl::StrSplit(subprotocols, ',')) {
-    offered = absl::StripAsciiWhitespace(offered);
-    std::string token;
-    if (offered == kProtocol) offers_protocol = true;
-    if (absl::ConsumePrefix(&offered, kTokenPrefix) && absl::WebSafeBase64Unescape(offered, &token)) {
-      authorization = absl::StrCat("Bearer ", token);
-    }
-  }
-  return authorization;
 }
 
 }  // namespace holdfast

@@ -13,7 +13,6 @@
 #include <string>
 
 #include "absl/status/status.h"
-#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "server/streams/served_streams.h"
 
@@ -58,7 +57,7 @@ class WebSocket final : public StreamCarrier, public std::enable_shared_from_thi
   template <typename Do>
   void OnItsThread(Do what);  // later, never from within this call
 
-  boost::beast::websocket::stream<boost::beast::tcp_stream> socket_;
+  boost::beast::websocket::stream<boost::beast::tcp_stream, /*deflateSupported=*/false> socket_;
   boost::asio::steady_timer end_timer_;
   ServedStreams& streams_;
   const std::shared_ptr<void> place_;
@@ -71,9 +70,5 @@ class WebSocket final : public StreamCarrier, public std::enable_shared_from_thi
   bool gone_ = false;      // nothing can be sent any more
   bool finished_ = false;  // the stream has ended
 };
-
-// The token of the subprotocol "bearer.BASE64URL" among those that a request offers, as "Bearer TOKEN"; empty: there is
-// none. 'offers_protocol' says whether "holdfast.v1" is among them.
-std::string AuthorizationOf(absl::string_view subprotocols, bool& offers_protocol);
 
 }  // namespace holdfast

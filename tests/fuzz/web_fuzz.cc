@@ -4,12 +4,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <string>
 #include <vector>
 
 #include "server/web/host_check.h"
 #include "server/web/http_answer.h"
-#include "server/web/web_socket.h"
+#include "server/web/subprotocols.h"
 #include "tests/fuzz/fuzz_input.h"
 
 namespace holdfast {

@@ -138,7 +138,7 @@ class SocketCall {
 
  private:
   boost::asio::io_context context_;
-  boost::beast::websocket::stream<boost::asio::ip::tcp::socket> socket_;
+  boost::beast::websocket::stream<boost::asio::ip::tcp::socket, /*deflateSupported=*/false> socket_;
   boost::beast::websocket::response_type answer_;
   boost::beast::error_code error_;
 };
