@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from typing import Any, Generic, TypeVar, Union
 
+import numpy as np
+
 from . import errors
-from ._channel import Tls, addresses_of, open_channel
+from ._channel import Tls, addresses_of, metadata_of, open_channel
 from ._frames import Frame, FrameCodec, Points, to_points
 from ._objects import Objects, Placement, to_objects
 from ._plan import Reconnect, Route
@@ -54,7 +56,7 @@ class BaseSession:
             config.raw_size.width, config.raw_size.height = self._codec.raw_size
 
     def _frame_message(self, frame: Frame, points: Points, capture_time: datetime | None,
-                       objects: Objects) -> pb.TrackRequest:
+                       objects: Objects | None) -> pb.TrackRequest:
         assert self._codec is not None
         message = pb.TrackRequest()
         message.frame.index = self._frames
@@ -62,6 +64,8 @@ class BaseSession:
         message.frame.points.extend(to_points(points))
         message.frame.objects.extend(to_objects(objects, self._placement))
         if capture_time is not None:
+            if not isinstance(capture_time, datetime):
+                raise TypeError(f"capture_time is {capture_time!r}, expected a datetime")
             message.frame.capture_time.FromDatetime(capture_time)
         return message
 
@@ -108,6 +112,21 @@ class BaseSession:
         return self._state.table.tracks()
 
 
+def _whole(name: str, value: int) -> int:
+    """Of an option that protobuf would refuse without its name."""
+    if not isinstance(value, (int, np.integer)) or value < 0:
+        raise ValueError(f"{name} is {value!r}, expected a whole number from 0 on")
+    return int(value)
+
+
+def _size(size: tuple[int, int]) -> pb.ImageSize:
+    try:
+        width, height = size
+    except (TypeError, ValueError):
+        raise ValueError(f"size is {size!r}, expected (width, height)") from None
+    return pb.ImageSize(width=_whole("size's width", width), height=_whole("size's height", height))
+
+
 SessionType = TypeVar("SessionType", bound=BaseSession)
 
 
@@ -121,9 +140,11 @@ class BaseClient(Generic[SessionType]):
                  token: str | None = None, reconnect: Reconnect | None = Reconnect(), timeout: float = 30.0) -> None:
         self._prepare()
         self.addresses = addresses_of(address)
+        if reconnect is not None and not isinstance(reconnect, Reconnect):
+            raise TypeError(f"reconnect is {reconnect!r}, expected a Reconnect or None: sessions end with their server")
         self.reconnect = reconnect
         self.timeout = timeout
-        self._metadata = (("authorization", f"Bearer {token}"),) if token else ()
+        self._metadata = metadata_of(token)
         self._channels = [open_channel(self._grpc, one, tls) for one in self.addresses]
 
     def _prepare(self) -> None:
@@ -142,15 +163,16 @@ class BaseClient(Generic[SessionType]):
         'auto' (JPEG where OpenCV or Pillow is), 'jpeg', 'raw'; `label`: for the server's logs; `frames_per_second`: the
         pace that the server has to promise, 0 for none.
         """
-        config = pb.SessionConfig(points=to_points(points), hop_frames=hop, iterations=iterations, label=label,
-                                  final_only=final_only, frames_per_second=frames_per_second,
+        config = pb.SessionConfig(points=to_points(points), hop_frames=_whole("hop", hop), label=label,
+                                  iterations=_whole("iterations", iterations), final_only=final_only,
+                                  frames_per_second=frames_per_second,
                                   emit=pb.EMIT_EVERY_FRAME if every_frame else pb.EMIT_WINDOWS)
         if size is not None:
-            config.processing_size.width, config.processing_size.height = size
+            config.processing_size.CopyFrom(_size(size))
         if self.reconnect is not None:
             config.checkpoint_interval_frames = self.reconnect.checkpoint_interval
-        placement = Placement(object_points, reseed)
-        config.objects.extend(to_objects(objects or {}, placement))
+        placement = Placement(_whole("object_points", object_points), reseed)
+        config.objects.extend(to_objects(objects, placement))
         return self._session_type(self, config, encoding, placement)
 
     def _info_call(self, server: int) -> Any:

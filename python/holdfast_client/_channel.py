@@ -34,10 +34,17 @@ class Tls:
 
 
 def addresses_of(address: Union[str, Sequence[str]]) -> list[str]:
-    addresses = address.split(",") if isinstance(address, str) else list(address)
-    if not addresses or not all(":" in one for one in addresses):
+    addresses = [one.strip() for one in (address.split(",") if isinstance(address, str) else address)]
+    if not addresses or not all(":" in one and not one.startswith(("http:", "https:")) for one in addresses):
         raise ValueError(f"address is {address!r}, expected host:port")
     return addresses
+
+
+def metadata_of(token: str | None) -> tuple[tuple[str, str], ...]:
+    """The error does not tell the token, as logs would."""
+    if token and not (token.isascii() and token.isprintable()):
+        raise ValueError("token has a line break or another character that cannot be sent, expected printable ASCII")
+    return (("authorization", f"Bearer {token}"),) if token else ()
 
 
 def open_channel(kind: Any, address: str, tls: Union[bool, Tls]) -> Any:

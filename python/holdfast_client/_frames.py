@@ -37,9 +37,12 @@ def _encode_jpeg(picture: np.ndarray) -> bytes | None:
     return None
 
 
-def check_picture(picture: np.ndarray) -> np.ndarray:
+def check_picture(picture: Any) -> np.ndarray:
+    if not isinstance(picture, np.ndarray):
+        raise TypeError(f"a frame is {type(picture).__name__} {picture!r:.80}, expected an array, uint8 [H, W, 3] in "
+                        "RGB or uint8 [H, W], or the bytes of a JPEG or PNG file")
     shape = picture.shape
-    if picture.dtype != np.uint8 or not (len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)):
+    if picture.dtype != np.uint8 or not (len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)) or picture.size == 0:
         raise ValueError(f"a frame is {picture.dtype} {list(shape)}, expected uint8 [H, W, 3] in RGB or uint8 [H, W]")
     return picture
 
@@ -53,7 +56,7 @@ class FrameCodec:
         self.raw_size: tuple[int, int] | None = None
         if isinstance(first, bytes):
             if not first.startswith((_JPEG, _PNG)):
-                raise ValueError("a frame's bytes are neither JPEG nor PNG")
+                raise ValueError(f"a frame's bytes are neither JPEG nor PNG: they begin with {first[:8]!r}")
             self.encoding = pb.FRAME_ENCODING_JPEG if first.startswith(_JPEG) else pb.FRAME_ENCODING_PNG
             return
         picture = check_picture(first)
@@ -82,10 +85,21 @@ class FrameCodec:
 def to_points(points: Points) -> list[pb.Point]:
     """{id: (x, y)}, or positions whose ids are 0, 1, 2..."""
     if isinstance(points, Mapping):
-        return [pb.Point(id=point, x=x, y=y) for point, (x, y) in points.items()]
-    positions = np.asarray(points if isinstance(points, np.ndarray) else list(points), np.float32)
+        return [_to_point(point, position) for point, position in points.items()]
+    try:
+        positions = np.asarray(points if isinstance(points, np.ndarray) else list(points), np.float32)
+    except (TypeError, ValueError):
+        raise ValueError(f"points are {points!r:.80}, expected x and y of each, or {{id: (x, y)}}") from None
     if positions.size == 0:
         return []
     if positions.ndim != 2 or positions.shape[1] != 2:
         raise ValueError(f"points are {list(positions.shape)}, expected [N, 2]: x and y of each")
     return [pb.Point(id=i, x=x, y=y) for i, (x, y) in enumerate(positions)]
+
+
+def _to_point(point: int, position: tuple[float, float]) -> pb.Point:
+    try:
+        x, y = position
+        return pb.Point(id=point, x=x, y=y)
+    except (TypeError, ValueError):
+        raise ValueError(f"point {point!r} is {position!r:.80}, expected an id from 0 on, and x and y") from None

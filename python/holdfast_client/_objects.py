@@ -17,6 +17,7 @@ Shape = Union[bytes, np.ndarray, Sequence[Sequence[float]]]
 Objects = Mapping[int, Shape]
 
 _FIRST_POINT = 1 << 63
+_LAST_ID = (1 << 31) - 1
 _PLACES = 256  # of an object: indices that are the same modulo it share a place
 
 
@@ -50,22 +51,31 @@ class Placement:
 
 
 def _to_object(key: int, shape: Shape, placement: Placement) -> pb.Object:
+    if not isinstance(key, (int, np.integer)) or not 0 <= key <= _LAST_ID:
+        raise ValueError(f"an object's id is {key!r}, expected 0 .. {_LAST_ID}")
     made = pb.Object(id=key, points=placement.points, reseed=placement.reseed)
     if isinstance(shape, bytes):
         made.mask_png = shape
         return made
-    array = np.asarray(shape)
+    expected = "expected a mask, bool or uint8 [H, W], or the bytes of such a PNG, or the corners of a polygon, [N, 2]"
+    try:
+        array = np.asarray(shape)
+    except ValueError:
+        raise ValueError(f"object {key} is {shape!r:.80}, {expected}") from None
     if array.ndim == 2 and array.dtype in (np.bool_, np.uint8):
         made.mask_png = _png(array)
         return made
     if array.ndim != 2 or array.shape[1] != 2:
-        raise ValueError(f"object {key} is {array.dtype} {list(array.shape)}, expected a mask, bool or uint8 [H, W], "
-                         "or the corners of a polygon, [N, 2]")
+        raise ValueError(f"object {key} is {array.dtype} {list(array.shape)}, {expected}")
     made.polygon.CopyFrom(pb.Polygon(x=array[:, 0], y=array[:, 1]))
     return made
 
 
-def to_objects(objects: Objects, placement: Placement = Placement()) -> list[pb.Object]:
+def to_objects(objects: Objects | None, placement: Placement = Placement()) -> list[pb.Object]:
+    if objects is None:
+        return []
+    if not isinstance(objects, Mapping):
+        raise TypeError(f"objects are a {type(objects).__name__}, expected a mask or a polygon by id: {{1: mask}}")
     return [_to_object(key, shape, placement) for key, shape in objects.items()]
 
 

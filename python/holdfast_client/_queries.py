@@ -17,15 +17,23 @@ class Queries:
     def __init__(self, points: Queried) -> None:
         self.frames: dict[int, int] = {}  # by id
         self._by_frame: dict[int, dict[int, tuple[float, float]]] = {}
-        by_id = points if isinstance(points, Mapping) else dict(enumerate(points))
-        for point, query in by_id.items():
-            if len(query) not in (2, 3):
-                raise ValueError(f"a point is {list(query)}, expected x, y or frame, x, y")
-            frame, x, y = query if len(query) == 3 else (0, *query)
-            if frame != int(frame) or frame < 0:
-                raise ValueError(f"point {point} is queried at frame {frame}, expected 0, 1, 2...")
-            self.frames[point] = int(frame)
-            self._by_frame.setdefault(int(frame), {})[point] = (float(x), float(y))
+        if not isinstance(points, Iterable):
+            raise TypeError(f"points are {points!r}, expected x, y or frame, x, y of each, by id or in order")
+        for point, query in points.items() if isinstance(points, Mapping) else enumerate(points):
+            self._add(point, query)
+
+    def _add(self, point: int, query: Sequence[float]) -> None:
+        try:
+            numbers = [float(number) for number in query]
+        except (TypeError, ValueError):
+            numbers = []
+        if len(numbers) not in (2, 3):
+            raise ValueError(f"point {point} is {query!r:.80}, expected x, y or frame, x, y")
+        frame, x, y = numbers if len(numbers) == 3 else (0.0, *numbers)
+        if not frame.is_integer() or frame < 0:
+            raise ValueError(f"point {point} is queried at frame {frame:g}, expected 0, 1, 2...")
+        self.frames[point] = int(frame)
+        self._by_frame.setdefault(int(frame), {})[point] = (x, y)
 
     @property
     def last(self) -> int:

@@ -35,8 +35,8 @@ class Update:
     """Estimates that are new or revised, and how far the server is."""
 
     runs: tuple[Run, ...]
-    frames_received: int
-    frames_processed: int
+    frames_received: int  # of the video, by the server
+    frames_processed: int  # whose features it has computed
     capture_times: Mapping[int, datetime]  # by frame, in UTC: of those that the runs speak of and push() gave one
     objects: tuple[ObjectRun, ...] = ()
 

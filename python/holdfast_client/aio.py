@@ -31,6 +31,9 @@ __all__ = ["Client", "Reconnect", "Session", "Tls"]
 class Session(BaseSession):
     """One video, frame by frame. It opens with its first frame. One task at a time may push, while another one takes
     updates; a session that is left by an exception, a task's cancellation among them, is cancelled, otherwise finished.
+
+    `on_reconnecting` is called with the error that a server was lost by, `on_resumed` with the address of the one that
+    goes on.
     """
 
     def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str,
@@ -61,7 +64,7 @@ class Session(BaseSession):
         if self._codec is None:
             self._settle(frame)
         # Encoding takes its time.
-        message = await asyncio.to_thread(self._frame_message, frame, points, capture_time, objects or {})
+        message = await asyncio.to_thread(self._frame_message, frame, points, capture_time, objects)
         if self._runner is None:
             self._runner = asyncio.create_task(self._run())
         await self._send(message)
@@ -234,6 +237,7 @@ class Client(BaseClient[Session]):
         await self.close()
 
     async def close(self) -> None:
+        """Closes the connections to the servers."""
         for channel in self._channels:
             await channel.close()
 

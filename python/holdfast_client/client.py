@@ -37,6 +37,7 @@ class Client(BaseClient[Session]):
         self.close()
 
     def close(self) -> None:
+        """Closes the connections to the servers."""
         for channel in self._channels:
             channel.close()
 

@@ -20,7 +20,11 @@ from .tracks import Tracks
 
 class Session(BaseSession):
     """One video, frame by frame. It opens with its first frame. One thread at a time may push; a session that is left
-    by an exception is cancelled, otherwise finished."""
+    by an exception is cancelled, otherwise finished.
+
+    `on_reconnecting` is called with the error that a server was lost by, `on_resumed` with the address of the one that
+    goes on; both by the session's own thread.
+    """
 
     def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str,
                  placement: Placement) -> None:
@@ -46,7 +50,7 @@ class Session(BaseSession):
         Returns what has come since the last call; raises what ended the session."""
         if self._codec is None:
             self._settle(frame)
-        message = self._frame_message(frame, points, capture_time, objects or {})
+        message = self._frame_message(frame, points, capture_time, objects)
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="holdfast-session", daemon=True)
             self._thread.start()

@@ -78,6 +78,32 @@ class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
         self.assertEqual(list(tracks.ids), [0, 1, 2, 77])
         self.assertEqual(session.accepted.window_frames, 24)
 
+    async def test_a_session_without_points_says_how_far_it_is(self):
+        async with self.client().session(encoding="raw") as session:
+            updates = session.__aiter__()
+            for i, frame in enumerate(PICTURES[:6]):
+                await session.push(frame)
+                update = await asyncio.wait_for(updates.__anext__(), 30)
+                while update.frames_processed <= i:
+                    update = await asyncio.wait_for(updates.__anext__(), 30)
+                self.assertEqual((update.frames_processed, update.runs), (i + 1, ()))
+        self.assertEqual(session.tracks().xy.shape, (0, 0, 2))
+
+    async def test_an_object_is_followed_as_a_group(self):
+        polygon, objects = {5: [(20, 30), (60, 30), (60, 70), (20, 70)]}, []
+        async with self.client().session(object_points=12, encoding="raw") as session:
+            async def push():
+                for i, frame in enumerate(PICTURES):
+                    await session.push(frame, objects=polygon if i == 4 else None)
+                return await session.finish()
+            pushing = asyncio.create_task(push())
+            async for update in session:
+                objects += update.objects
+            tracks = await pushing
+        self.assertEqual({run.id for run in objects}, {5})
+        self.assertEqual(len(tracks.object_points(5)), 12)
+        np.testing.assert_allclose(tracks.objects[5].centre[[4, 24]], [[40, 50], [60, 50]], atol=1.5)
+
     async def test_many_sessions_share_a_client(self):
         client = self.client()
         results = await asyncio.gather(*(client.track(camera(), POINTS, encoding="raw") for _ in range(3)))

@@ -148,9 +148,30 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         np.testing.assert_allclose(tracks.objects[1].centre, expected.objects[1].centre, atol=1e-3)
         self.assertEqual(tracks.objects[1].left, expected.objects[1].left)
 
-    def test_a_shape_that_is_none_is_told_before_it_is_sent(self):
-        with self.assertRaisesRegex(ValueError, "object 3 is float64"):
-            self.client().session(objects={3: np.zeros((4, 4))})
+    def test_what_cannot_be_sent_is_named_before_it_is_sent(self):
+        client, mask = self.client(), np.ones((4, 4), bool)
+        for options, said in (
+                ({"objects": {3: np.zeros((4, 4))}}, "object 3 is float64.*expected a mask"),
+                ({"objects": {3: [(1, 2), (3,)]}}, "object 3 is .*expected a mask"),
+                ({"objects": mask}, "objects are a ndarray, expected .* by id"),
+                ({"objects": {-1: mask}}, "id is -1, expected 0"), ({"objects": {"car": mask}}, "id is 'car'"),
+                ({"points": {-1: (1, 2)}}, "point -1 is .*expected an id"), ({"points": {4: (1, 2, 3)}}, "point 4 is"),
+                ({"points": [(1, 2), (3,)]}, "points are .*expected x and y"), ({"points": None}, "points are None"),
+                ({"object_points": -1}, "object_points is -1"), ({"hop": 8.5}, "hop is 8.5, expected a whole number"),
+                ({"size": 256}, r"size is 256, expected \(width, height\)"),
+                ({"size": (8.5, 4)}, "size's width is 8.5")):
+            with self.subTest(options=options), self.assertRaisesRegex((ValueError, TypeError), said):
+                client.session(**options)
+        for frame in ("video.mp4", None, [[1, 2]], np.zeros((0, 4), np.uint8)):
+            with self.subTest(frame=frame), self.assertRaisesRegex((ValueError, TypeError), "a frame is .*expected"):
+                client.session().push(frame)
+        for client_options, said in (({"reconnect": True}, "reconnect is True, expected a Reconnect"),
+                                     ({"token": "secret\n"}, "token has a line break")):
+            with self.subTest(options=client_options), self.assertRaisesRegex((ValueError, TypeError), said):
+                holdfast_client.Client(**client_options)
+        for address in ("localhost", "http://localhost:50051", []):
+            with self.subTest(address=address), self.assertRaisesRegex(ValueError, "expected host:port"):
+                holdfast_client.Client(address)
 
     def test_without_reconnect_a_lost_server_ends_the_session_and_keeps_what_came(self):
         server = self.start_server()
