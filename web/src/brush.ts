@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Stroke } from "./points";
-
-export interface Position {
-  x: number; // pixels of the frame
-  y: number;
-}
+import type { Position, Stroke } from "./points";
 
 /** The line that a stroke follows. A touch has a length too: canvases paint nothing that has none. */
 export const lineOf = ({ path }: Stroke): Position[] => [...path, { x: path.at(-1)!.x + 0.01, y: path.at(-1)!.y }];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { lineOf } from "./brush";
 import type { ObjectTrack } from "./objects";
-import type { Stroke } from "./points";
+import type { Polygon, Position, Stroke } from "./points";
 import type { Track } from "./tracks";
 
 /** All that there is to paint. */
@@ -187,6 +187,41 @@ function paintCentre(context: Context, object: ObjectTrack, frame: number, look:
   context.globalAlpha = 1;
   ring(context, x, y, 11 * unit, "#fff", 1.8 * unit, []);
   label(context, `${object.name}, ${Math.round(100 * share)} % seen`, x + 16 * unit, y, unit);
+}
+
+/** What an object was said to cover, where nothing is known of it yet. */
+export function paintShape(context: Context, shape: Stroke | Polygon, color: string, look: Look): void {
+  if ("path" in shape) return paintStroke(context, shape, color, look);
+  paintLines(context, shape.corners, color, look, true);
+}
+
+/** An outline that is being drawn; with the click that would come now it has `next` as a corner, or is closed. */
+export function paintOutlining(
+  context: Context, corners: readonly Position[], next: Position | null, closes: boolean, color: string, look: Look,
+): void {
+  paintLines(context, next && !closes ? [...corners, next] : corners, color, look, closes);
+  corners.forEach(({ x, y }, i) => {
+    const large = closes && i === 0;
+    disc(context, placed(x, look), placed(y, look), (large ? 7.5 : 4.5) * look.unit, DARK);
+    disc(context, placed(x, look), placed(y, look), (large ? 6 : 3) * look.unit, i === 0 ? "#fff" : color);
+  });
+}
+
+function paintLines(context: Context, corners: readonly Position[], color: string, look: Look, closed: boolean): void {
+  context.beginPath();
+  for (const { x, y } of corners) context.lineTo(placed(x, look), placed(y, look));
+  if (closed) context.closePath();
+  context.globalAlpha = 0.3;
+  context.fillStyle = color;
+  context.fill();
+  context.globalAlpha = 1;
+  context.setLineDash([]);
+  context.lineCap = context.lineJoin = "round";
+  for (const [style, width] of [[DARK, 3.6], [color, 1.8]] as const) {
+    context.strokeStyle = style;
+    context.lineWidth = width * look.unit;
+    context.stroke();
+  }
 }
 
 /** What a stroke of the brush covers. */

@@ -11,14 +11,19 @@ export class ObjectTrack {
   private known: (Known | undefined)[] = []; // from `start` on
   private finals = 0; // so many of them are final
   private joins = new Map<number, number>(); // from which frame on points take part that were placed anew
+  /** The name that the user gave it, which its points have too; "": none. */
+  given = "";
 
   constructor(
     readonly id: number,
-    readonly name: string,
     /** Its place among the points and objects ever made, which gives it its colour. */
     readonly order: number,
     readonly start: number,
   ) {}
+
+  get name(): string {
+    return this.given || `Object ${this.id}`;
+  }
 
   /** The page's id of the object's point at this place: those after its own. */
   pointAt(place: number): number {

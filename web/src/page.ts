@@ -10,20 +10,23 @@ import type { Encoding } from "./sources/source";
 import { openVideo } from "./sources/video";
 import { Tracker } from "./tracker";
 import { grid, maskOf } from "./brush";
-import type { Stroke } from "./points";
+import type { Position, Stroke } from "./points";
+import { areaOf, clickAt, LEAST_CORNERS, type Reach } from "./polygon";
 
 const GRID_POINTS = 64;
 const LARGEST_BRUSH = 200; // pixels
 const SMALLEST_BRUSH = 1 / 64; // of a frame's longer side: what it covers has room for some points
 const CLIP = "clip.mp4";
 
-export type Tool = "point" | "brush";
+export type Tool = "point" | "brush" | "outline";
 export type Theme = "light" | "dark";
 
 export const settings = settingsOfPage();
 export const token = signal(sessionStorage.getItem("token") ?? "");
 export const tool = signal<Tool>("point");
 export const brush = signal({ radius: 24, count: 24 }); // pixels of the frame; points of an object, at most
+export const stroking = signal(false); // the brush is at work
+export const corners = signal<readonly Position[]>([]); // of the outline that is being drawn, on the frame that is shown
 export const selected = signal<number | null>(null);
 export const hovered = signal<number | null>(null);
 export const helpOpen = signal(false);
@@ -60,6 +63,13 @@ export const tracker = new Tracker(world, () => settings.value);
 export const server = new ServerInfo(() => token.value);
 effect(() => {
   if (tracker.link.value?.state === "waiting") void server.ask();
+});
+
+effect(() => tracker.hold(stroking.value || corners.value.length > 0));
+// An outline is of the picture that it was begun on.
+effect(() => {
+  void [tracker.source.value, tracker.shown.value, tool.value];
+  corners.value = [];
 });
 
 export const smallestBrush = computed(() => {
@@ -101,14 +111,52 @@ export function addGrid(): void {
 export async function addObject(path: Stroke["path"]): Promise<void> {
   const source = tracker.source.value!;
   const stroke = { path, radius: brushRadius.value };
-  tracker.hold(true);
+  stroking.value = true;
   try {
     const mask = await maskOf(stroke, source.width, source.height);
     if (source !== tracker.source.value) return; // another one was asked for meanwhile
-    selected.value = tracker.addObject(stroke, mask, brush.value.count) ?? selected.value;
+    selected.value = tracker.addObject({ ...stroke, mask }, brush.value.count) ?? selected.value;
   } finally {
-    tracker.hold(false);
+    stroking.value = false;
   }
+}
+
+/** A click of the outline's tool: places a corner, or closes the outline and follows what it encloses. */
+export function clickOutline(at: Position, reach: Reach): void {
+  const { width, height } = tracker.source.value!;
+  const inside = { x: Math.min(Math.max(at.x, 0), width - 1), y: Math.min(Math.max(at.y, 0), height - 1) };
+  const does = clickAt(corners.value, inside, reach);
+  if (does === "corner") corners.value = [...corners.value, inside];
+  if (does === "close") closeOutline();
+}
+
+export function closeOutline(): void {
+  const least = smallestBrush.value;
+  if (corners.value.length === 0) return;
+  if (corners.value.length < LEAST_CORNERS) return tracker.say(`An outline takes at least ${LEAST_CORNERS} corners.`);
+  if (areaOf(corners.value) < least ** 2) {
+    return tracker.say(`The outline is too small to follow: expected at least ${least} × ${least} pixels.`);
+  }
+  selected.value = tracker.addObject({ corners: corners.value }, brush.value.count) ?? selected.value;
+  corners.value = [];
+}
+
+export function takeCornerBack(): void {
+  corners.value = corners.value.slice(0, -1);
+}
+
+export function dropOutline(): void {
+  corners.value = [];
+}
+
+/** The last corner while there is an outline, otherwise what is selected. */
+export function removeLast(): void {
+  corners.value.length > 0 ? takeCornerBack() : removeSelected();
+}
+
+/** Gives up an outline; where there is none, selects nothing. */
+export function escape(): void {
+  corners.value.length > 0 ? dropOutline() : (selected.value = null);
 }
 
 export function removeSelected(): void {

@@ -1,47 +1,58 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { ObjectSeed, Seed } from "./wire";
 
-/** Where a point was placed by hand. */
-export interface Placed {
-  frame: number;
-  x: number; // pixels of the frames sent
+/** Pixels of the frames sent. */
+export interface Position {
+  x: number;
   y: number;
+}
+
+/** Where a point was placed by hand. */
+export interface Placed extends Position {
+  frame: number;
 }
 
 /** A point as the user made it: it begins where it was placed first, and anew wherever it was placed again. */
 export interface Point {
   id: number;
-  name: string;
+  name: string; // "": the user gave none
   placed: Placed[]; // by frame
 }
 
-/** What a stroke of the brush covers. */
+/** What the brush went over. */
 export interface Stroke {
-  path: readonly { x: number; y: number }[];
+  path: readonly Position[];
   radius: number; // pixels of the frames sent
 }
 
-/** An object as the user painted it. The `count` ids after its own are those of its points. */
-export interface PaintedObject {
+/** What a line through its corners encloses. */
+export interface Polygon {
+  corners: readonly Position[];
+}
+
+/** What an object covers. A stroke has a PNG of it besides. */
+export type Shape = (Stroke & { mask: Uint8Array }) | Polygon;
+
+/** An object as the user drew it. The `count` ids after its own are those of its points. */
+export interface DrawnObject {
   id: number;
-  name: string;
+  name: string; // "": the user gave none
   frame: number; // that it begins on
-  shown: number; // that it was painted on: `frame`, or one before, where that had been sent
-  stroke: Stroke;
-  mask: Uint8Array; // a PNG
+  shown: number; // that it was drawn on: `frame`, or one before, where that had been sent
+  shape: Shape;
   count: number;
 }
 
 /** What the user asked for, apart from what came of it: a video can be tracked again with it. */
 export class Points {
   private byId = new Map<number, Point>();
-  private objectsById = new Map<number, PaintedObject>();
+  private objectsById = new Map<number, DrawnObject>();
   private lastId = 0; // ids are never used again, so that late results of what was removed meet nobody
 
   get all(): Iterable<Point> {
     return this.byId.values();
   }
-  get objects(): Iterable<PaintedObject> {
+  get objects(): Iterable<DrawnObject> {
     return this.objectsById.values();
   }
   get size(): number {
@@ -58,21 +69,21 @@ export class Points {
   get(id: number): Point | undefined {
     return this.byId.get(id);
   }
-  getObject(id: number): PaintedObject | undefined {
+  getObject(id: number): DrawnObject | undefined {
     return this.objectsById.get(id);
   }
 
   add(frame: number, x: number, y: number): Point {
     const id = ++this.lastId;
-    const point = { id, name: String(id), placed: [{ frame, x, y }] };
+    const point = { id, name: "", placed: [{ frame, x, y }] };
     this.byId.set(id, point);
     return point;
   }
 
-  addObject(painted: Omit<PaintedObject, "id" | "name">): PaintedObject {
+  addObject(drawn: Omit<DrawnObject, "id" | "name">): DrawnObject {
     const id = ++this.lastId;
-    this.lastId += painted.count;
-    const object = { ...painted, id, name: `Object ${id}` };
+    this.lastId += drawn.count;
+    const object = { ...drawn, id, name: "" };
     this.objectsById.set(id, object);
     return object;
   }
@@ -108,6 +119,6 @@ export class Points {
   /** What is to be sent with it besides. */
   objectsOn(frame: number): ObjectSeed[] {
     const here = [...this.objects].filter((object) => object.frame === frame);
-    return here.map(({ id, mask, count }) => ({ id, mask, points: count }));
+    return here.map(({ id, shape, count }) => ({ id, shape, points: count }));
   }
 }

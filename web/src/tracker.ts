@@ -5,7 +5,7 @@ import type { Table } from "./exports/table";
 import { Figures } from "./figures";
 import { FrameStore } from "./frames";
 import { Emit, FrameEncoding } from "./gen/holdfast/v1/point_tracking_pb";
-import { Points, type Stroke } from "./points";
+import { Points, type Shape } from "./points";
 import { type Answer, SessionState } from "./session";
 import type { Settings } from "./settings";
 import type { Source } from "./sources/source";
@@ -111,7 +111,7 @@ export class Tracker implements Observer {
     this.figures = new Figures();
     for (const made of [...this.points.all, ...this.points.objects].sort((a, b) => a.id - b.id)) {
       if ("placed" in made) this.tracks.seed(made.id, made.placed[0]!.frame).name = made.name;
-      else this.tracks.seedObject(made.id, made.frame, made.name);
+      else this.tracks.seedObject(made.id, made.frame).given = made.name;
     }
     this.session = new SessionState(this.config());
     this.connection = new Connection(this.session, this.world, this);
@@ -170,23 +170,23 @@ export class Tracker implements Observer {
     return seeds.map(({ id }) => id);
   }
 
-  /** While something is drawn no frame is sent, so that it is of the one that is shown. */
+  /** While something is drawn no frame is sent, and none is played, so that it is of the one that is shown. */
   hold(held: boolean): void {
     this.held = held;
-    if (!held) this.wake();
+    held ? this.stopPlaying() : this.wake();
   }
 
   /**
-   * An object, as it was painted on the frame that is shown. A server takes objects with a frame: where that one was the
+   * An object, as it was drawn on the frame that is shown. A server takes objects with a frame: where that one was the
    * newest sent, the object begins on the next. Null: there is no room for it.
    */
-  addObject(stroke: Stroke, mask: Uint8Array, count: number): number | null {
+  addObject(shape: Shape, count: number): number | null {
     const shown = this.shown.value;
     if (shown < 0 || !this.source.value || !this.hasRoom(count, 1)) return null;
     const newest = this.sent.value - 1;
     const frame = shown === newest && this.takesMore ? shown + 1 : shown;
-    const { id, name } = this.points.addObject({ frame, shown, stroke, mask, count });
-    this.tracks.seedObject(id, frame, name);
+    const { id } = this.points.addObject({ frame, shown, shape, count });
+    this.tracks.seedObject(id, frame);
     if (frame <= newest) this.stale.value = true;
     this.touch();
     return id;
@@ -214,10 +214,12 @@ export class Tracker implements Observer {
     this.touch();
   }
 
+  /** A point or an object; "" takes its name away. */
   rename(id: number, name: string): void {
-    const [point, track] = [this.points.get(id), this.tracks.get(id)];
-    if (point) point.name = name || String(id);
-    if (track) track.name = name || String(id);
+    const [made, track, object] = [this.points.get(id) ?? this.points.getObject(id), this.tracks.get(id), this.tracks.getObject(id)];
+    if (made) made.name = name;
+    if (track) track.name = name;
+    if (object) object.given = name;
     this.touch();
   }
 

@@ -16,7 +16,6 @@ const VISIBLE = 4;
 
 /** One point's life. Plain arrays of numbers, which grow by doubling: thousands of points are drawn from them. */
 export class Track {
-  name: string;
   /** What is before this frame belongs to an earlier beginning of the point, and changes no more. */
   seedFrame: number;
   /** Frames from the first estimate to the newest. */
@@ -27,6 +26,7 @@ export class Track {
   private flags = new Uint8Array(64);
   private finals = 0; // from seedFrame on, so many are final
   private beginning = 0; // counts those that the server has made
+  private given = ""; // a name
 
   constructor(
     readonly id: number,
@@ -36,8 +36,15 @@ export class Track {
     /** Whose point it is; null: the user placed it. */
     readonly object: ObjectTrack | null = null,
   ) {
-    this.name = String(id);
     this.seedFrame = start;
+  }
+
+  /** What the user gave it, or its object; otherwise its id. */
+  get name(): string {
+    return this.given || this.object?.given || String(this.id);
+  }
+  set name(given: string) {
+    this.given = given;
   }
 
   get end(): number {
@@ -166,8 +173,8 @@ export class TrackStore {
   }
 
   /** An object begins on this frame. Its points are there as soon as something is heard of them. */
-  seedObject(id: number, frame: number, name: string): ObjectTrack {
-    const object = new ObjectTrack(id, name, this.made++, frame);
+  seedObject(id: number, frame: number): ObjectTrack {
+    const object = new ObjectTrack(id, this.made++, frame);
     this.objectsById.set(id, object);
     return object;
   }

@@ -39,7 +39,8 @@ export interface Seed {
 /** What is to be followed as a group. */
 export interface ObjectSeed {
   id: number;
-  mask: Uint8Array; // a PNG of the frame's size, black where the object is not
+  /** A PNG of the frame's size, black where the object is not; or the corners of a polygon, in pixels of it. */
+  shape: { mask: Uint8Array } | { corners: readonly { x: number; y: number }[] };
   points: number; // to be placed on it, at most
 }
 
@@ -69,7 +70,7 @@ export interface Run {
 export interface ObjectSample {
   x: number; // of its centre, pixels
   y: number;
-  scale: number; // since it was painted
+  scale: number; // since it was drawn
   rotation: number; // radians since then, from x towards y
   visible: number; // share of its points, 0 .. 1
   outline: [number, number][]; // corners, pixels
@@ -101,8 +102,13 @@ const toNumber = (id: bigint) => fromId(id) % OBJECT_POINTS;
 
 const points = (seeds: readonly Seed[]) => seeds.map(({ id, x, y }) => ({ id: toId(id), x, y }));
 
+function shapeMessage(shape: ObjectSeed["shape"]) {
+  if ("mask" in shape) return { case: "maskPng" as const, value: shape.mask };
+  return { case: "polygon" as const, value: { x: shape.corners.map(({ x }) => x), y: shape.corners.map(({ y }) => y) } };
+}
+
 const objects = (seeds: readonly ObjectSeed[]) =>
-  seeds.map(({ id, mask, points }) => ({ id, points, shape: { case: "maskPng" as const, value: mask } }));
+  seeds.map(({ id, shape, points }) => ({ id, points, shape: shapeMessage(shape) }));
 
 const encode = (request: Parameters<typeof create<typeof TrackRequestSchema>>[1]) =>
   toBinary(TrackRequestSchema, create(TrackRequestSchema, request));

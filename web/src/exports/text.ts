@@ -47,6 +47,7 @@ function jsonObject(object: ObjectTrack, { tracks, frames }: Table): string {
     `"frames":${list(at, String)}`,
     `"id":${object.id}`,
     `"left":${list(samples, ({ left }) => list(left, (i) => String(object.pointAt(i))))}`,
+    `"name":${JSON.stringify(object.name)}`,
     `"outline":${list(samples, ({ outline }) => list(outline, ([x, y]) => place(x, y)))}`,
     `"points":${list(tracks.filter((track) => track.object === object), ({ id }) => String(id))}`,
     `"rotation":${list(samples, ({ rotation }) => rounded(rotation))}`,

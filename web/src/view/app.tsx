@@ -2,6 +2,7 @@
 import { useSignal, useSignalEffect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import * as page from "../page";
+import { LEAST_CORNERS } from "../polygon";
 import { noCamera } from "../sources/camera";
 import { Help, Marks } from "./help";
 import { Icon, IconButton, type IconName } from "./icons";
@@ -64,7 +65,21 @@ function Welcome() {
   );
 }
 
+/** What to do with an outline that has been begun. */
+function Outlining() {
+  const count = page.corners.value.length;
+  return (
+    <div class="hint outlining">
+      <span>{count < LEAST_CORNERS ? "Click the next corner" : "Click the first corner again to close"}{tracker.active.value && ", meanwhile frames wait"}.</span>
+      <IconButton icon="undo" name="Take the last corner back" keys="Backspace" onClick={page.takeCornerBack} />
+      <IconButton icon="check" name="Close the outline" keys="Enter" disabled={count < LEAST_CORNERS} onClick={page.closeOutline} />
+      <IconButton icon="close" name="Give up the outline" keys="Esc" onClick={page.dropOutline} />
+    </div>
+  );
+}
+
 function Hint() {
+  if (page.corners.value.length > 0) return <Outlining />;
   if (tracker.phase.value !== "ready" || (tracker.revision.value, tracker.points.most) > 0) return null;
   return <p class="hint">Click on what you want to follow, or brush over an object. <kbd>Space</kbd> starts.</p>;
 }
@@ -146,22 +161,29 @@ function Transport() {
   );
 }
 
+const TOOLS: [page.Tool, IconName, string, string][] = [
+  ["point", "point", "Place points", "P"],
+  ["brush", "brush", "Brush over an object", "B"],
+  ["outline", "outline", "Outline an object, click by click", "O"],
+];
+
 function Tools() {
   const none = tracker.source.value === null;
-  const brushing = page.tool.value === "brush";
+  const tool = page.tool.value;
   const { count } = page.brush.value;
   const radius = page.brushRadius.value;
   return (
     <div class="transport tools" role="toolbar" aria-label="Tools">
-      <IconButton icon="point" name="Place points" keys="P" pressed={!brushing} onClick={() => (page.tool.value = "point")} />
-      <IconButton icon="brush" name="Brush over an object" keys="B" pressed={brushing} onClick={() => (page.tool.value = "brush")} />
-      {brushing && (
-        <>
-          <label class="range" title="Radius of the brush ([ and ])"><span>Size</span>
-            <input type="range" min={page.smallestBrush.value} max="200" value={radius} onInput={(event) => (page.brush.value = { radius: Number(event.currentTarget.value), count })} /></label>
-          <label class="range" title="Points that the server places on the object, at most"><span>Points</span>
-            <input type="number" min="3" max="256" value={count} onChange={(event) => (page.brush.value = { radius, count: Math.min(256, Math.max(3, Number(event.currentTarget.value) || 3)) })} /></label>
-        </>
+      {TOOLS.map(([name, icon, says, keys]) => (
+        <IconButton key={name} icon={icon} name={says} keys={keys} pressed={tool === name} onClick={() => (page.tool.value = name)} />
+      ))}
+      {tool === "brush" && (
+        <label class="range" title="Radius of the brush ([ and ])"><span>Size</span>
+          <input type="range" min={page.smallestBrush.value} max="200" value={radius} onInput={(event) => (page.brush.value = { radius: Number(event.currentTarget.value), count })} /></label>
+      )}
+      {tool !== "point" && (
+        <label class="range" title="Points that the server places on the object, at most"><span>Points</span>
+          <input type="number" min="3" max="256" value={count} onChange={(event) => (page.brush.value = { radius, count: Math.min(256, Math.max(3, Number(event.currentTarget.value) || 3)) })} /></label>
       )}
       <IconButton icon="grid" name="Add a grid of points" keys="G" disabled={none} onClick={page.addGrid} />
       <IconButton icon="color" name="Colour by confidence" keys="C" pressed={page.settings.value.confidence} onClick={() => page.change({ confidence: !page.settings.value.confidence })} />

@@ -8,7 +8,7 @@ const GESTURES = [
   ["Click", "place a point"],
   ["Drag a point", "say where it is: it is followed from there on"],
   ["Shift and drag", "brush over an object, whatever the tool: it is followed as a group"],
-  ["Right click", "remove a point, or an object by its centre"],
+  ["Right click", "remove a point, or an object by its centre; of an outline, the last corner"],
   ["Wheel", "zoom; the middle button moves the picture"],
   ["Timeline", "click or drag to look at earlier frames"],
 ] as const;
@@ -44,7 +44,7 @@ export function Help() {
           <h2 id="help-title" tabIndex={-1} autofocus>How it works</h2>
           <IconButton icon="close" name="Close the help" keys="Esc" onClick={close} />
         </header>
-        <p>Place points on what you want to follow, or brush over an object, and start. Each frame goes to the server; where the points are comes back, provisional at first, final a moment later.</p>
+        <p>Place points on what you want to follow, or brush over an object or outline it, and start. Each frame goes to the server; where the points are comes back, provisional at first, final a moment later.</p>
         <p>An object has points that the server places, an outline, and at its centre a gauge of how much of it is in sight. Points that do not move with it any more are crossed out.</p>
         <Marks objects />
         <div class="help-columns">
@@ -52,7 +52,7 @@ export function Help() {
             <h3>Pointer</h3>
             <dl>{GESTURES.map(([gesture, does]) => [<dt key={gesture}>{gesture}</dt>, <dd key={does}>{does}</dd>])}</dl>
             <h3>Without a pointer</h3>
-            <p>Tab to the picture: arrow keys move a crosshair (Shift: by one pixel), Enter places or selects a point there, or with the brush an object.</p>
+            <p>Tab to the picture: arrow keys move a crosshair (Shift: by one pixel), Enter places or selects a point there, with the brush an object, or a corner of an outline, which Enter at the same place again closes.</p>
           </section>
           <section>
             <h3>Keys</h3>

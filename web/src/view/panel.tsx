@@ -97,7 +97,7 @@ function Selected() {
     <Card title="Point" open>
       <div class="point-head">
         <i class="dot" style={{ background: colorOf(track) }} />
-        <input aria-label="Name of the point" value={point.name} maxLength={64} spellcheck={false}
+        <input aria-label="Name of the point" value={track.name} maxLength={64} spellcheck={false}
           onChange={(event) => tracker.rename(point.id, event.currentTarget.value.trim())} />
         <IconButton icon="bin" name="Remove this point" keys="Del" onClick={page.removeSelected} />
       </div>
@@ -136,14 +136,20 @@ function ObjectFacts({ object }: { object: ObjectTrack }) {
   void tracker.revision.value;
   const frame = object.newest(tracker.shown.value);
   const sample = object.at(frame);
-  if (!sample) return null;
   return (
-    <Facts facts={[
-      ["frame", `${frame}, ${sample.final ? "final" : "provisional"}`],
-      ["centre", `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}`],
-      ["size since painted", `× ${sample.scale.toFixed(3)}`],
-      ["turned", `${(Math.round((1800 * sample.rotation) / Math.PI) / 10 || 0).toFixed(1)}°`],
-    ]} />
+    <>
+      <div class="point-head">
+        <i class="swatch" style={{ background: colorOf(object) }} />
+        <input aria-label="Name of the object" value={object.name} maxLength={64} spellcheck={false}
+          onChange={(event) => tracker.rename(object.id, event.currentTarget.value.trim())} />
+      </div>
+      {sample && <Facts facts={[
+        ["frame", `${frame}, ${sample.final ? "final" : "provisional"}`],
+        ["centre", `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}`],
+        ["size since drawn", `× ${sample.scale.toFixed(3)}`],
+        ["turned", `${(Math.round((1800 * sample.rotation) / Math.PI) / 10 || 0).toFixed(1)}°`],
+      ]} />}
+    </>
   );
 }
 
@@ -153,7 +159,7 @@ function Objects() {
   const selected = objects.find(({ id }) => id === page.selected.value);
   return (
     <Card title="Objects" open>
-      {objects.length === 0 ? <p class="soft">Brush over one (<kbd>B</kbd>) to follow it as a group.</p>
+      {objects.length === 0 ? <p class="soft">Brush over one (<kbd>B</kbd>), or click its corners (<kbd>O</kbd>), to follow it as a group.</p>
         : <ul class="objects">{objects.map((object) => <ObjectEntry key={object.id} object={object} />)}</ul>}
       {selected && <ObjectFacts object={selected} />}
     </Card>

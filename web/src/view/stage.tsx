@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import type { Position } from "../brush";
-import { colorOf, type Look, paintPlaced, paintScene, paintStroke } from "../draw";
+import { colorOf, type Look, paintOutlining, paintPlaced, paintScene, paintShape, paintStroke } from "../draw";
 import type { Lane } from "../lanes";
 import * as page from "../page";
+import type { DrawnObject, Position } from "../points";
+import { clickAt, middleOf } from "../polygon";
 
 const { tracker } = page;
 const REACH = 14; // CSS pixels around a point within which it is meant
 const MOVE = 4; // CSS pixels from which on a press is a drag
 const MOST_ZOOM = 12;
-const BRUSH = "#5eead4";
+const DRAWN = "#5eead4"; // what is being drawn
 
 /** What the pointer is doing. */
 type Gesture =
@@ -18,9 +19,10 @@ type Gesture =
   | { kind: "press"; id: number | null; from: Position } // on a point, or beside all
   | { kind: "drag"; id: number }
   | { kind: "stroke"; path: Position[] }
+  | { kind: "corner" } // of an outline, where the button is let go
   | { kind: "pan"; last: Position };
 
-const middleOf = (path: readonly Position[]) => path[path.length >> 1]!;
+const holdOf = ({ shape }: DrawnObject) => ("path" in shape ? shape.path[shape.path.length >> 1]! : middleOf(shape.corners));
 
 /** The picture with everything on it. Positions are pixels of the frame, unless they are said to be on the canvas. */
 class StageCanvas {
@@ -41,7 +43,7 @@ class StageCanvas {
     this.stops.push(() => resize.disconnect());
     this.stops.push(effect(() => void this.showFrame(tracker.shown.value)));
     this.stops.push(effect(() => this.repaintFor(tracker.revision.value, page.selected.value, page.hovered.value,
-      page.settings.value, page.tool.value, page.brushRadius.value)));
+      page.settings.value, page.tool.value, page.brushRadius.value, page.corners.value)));
     this.stops.push(effect(() => this.showWhole(page.zoomReset.value, tracker.source.value)));
     this.listen();
   }
@@ -119,10 +121,10 @@ class StageCanvas {
       const here = placed.find(({ frame }) => frame === tracker.shown.value);
       if (track && here && track.newest(here.frame) < 0) paintPlaced(this.context, here.x, here.y, colorOf(track), look);
     }
-    for (const { id, stroke, shown, frame } of tracker.points.objects) {
+    for (const { id, shape, shown, frame } of tracker.points.objects) {
       const [object, now] = [tracker.tracks.getObject(id), tracker.shown.value];
       if (object && now >= shown && now <= frame && object.newest(now) < 0) {
-        paintStroke(this.context, stroke, colorOf(object), look);
+        paintShape(this.context, shape, colorOf(object), look);
       }
     }
   }
@@ -135,7 +137,12 @@ class StageCanvas {
       if (track) paintPlaced(context, pointer.x, pointer.y, colorOf(track), look);
     }
     if (gesture.kind === "stroke") {
-      paintStroke(context, { path: gesture.path, radius: page.brushRadius.value }, BRUSH, look);
+      paintStroke(context, { path: gesture.path, radius: page.brushRadius.value }, DRAWN, look);
+    }
+    const corners = page.corners.value;
+    if (corners.length > 0) {
+      const closes = pointer !== null && clickAt(corners, pointer, this.cornerReach()) === "close";
+      paintOutlining(context, corners, pointer, closes, DRAWN, look);
     }
     if (pointer && page.tool.value === "brush" && gesture.kind !== "drag") {
       context.beginPath();
@@ -193,6 +200,10 @@ class StageCanvas {
     return (pixels * devicePixelRatio) / this.view().scale;
   }
 
+  private cornerReach() {
+    return { first: this.reach(REACH), last: this.reach(MOVE) };
+  }
+
   /** The point, or the object by its centre, that is meant at a position. */
   private nearest(p: Position): number | null {
     let [best, bestSquare] = [null as number | null, this.reach(REACH) ** 2];
@@ -213,8 +224,8 @@ class StageCanvas {
       if (at) yield [track.id, at];
     }
     for (const object of tracker.tracks.objects) {
-      const painted = tracker.points.getObject(object.id);
-      const at = known(object) ?? (painted && painted.shown <= shown && shown <= painted.frame ? middleOf(painted.stroke.path) : null);
+      const drawn = tracker.points.getObject(object.id);
+      const at = known(object) ?? (drawn && drawn.shown <= shown && shown <= drawn.frame ? holdOf(drawn) : null);
       if (at) yield [object.id, at];
     }
   }
@@ -251,15 +262,21 @@ class StageCanvas {
     if (event.button === 1) {
       event.preventDefault();
       this.gesture = { kind: "pan", last: { x: event.clientX, y: event.clientY } };
-    } else if (event.button === 0 && this.isInside(at)) {
-      const brushing = page.tool.value === "brush" || event.shiftKey;
-      const id = brushing ? null : this.nearest(at);
-      if (id !== null) page.selected.value = id;
-      this.gesture = brushing ? { kind: "stroke", path: [at] } : { kind: "press", id, from: at };
-      tracker.hold(brushing);
+    } else if (event.button === 0) {
+      this.gesture = this.begun(at, event.shiftKey ? "brush" : page.tool.value);
+      page.stroking.value = this.gesture.kind === "stroke";
     }
     if (this.gesture.kind !== "none") this.canvas.setPointerCapture(event.pointerId);
     this.paintSoon();
+  }
+
+  private begun(at: Position, tool: page.Tool): Gesture {
+    if (tool === "outline") return { kind: "corner" }; // also beside the picture: its edge is meant
+    if (!this.isInside(at)) return { kind: "none" };
+    if (tool === "brush") return { kind: "stroke", path: [at] };
+    const id = this.nearest(at);
+    if (id !== null) page.selected.value = id;
+    return { kind: "press", id, from: at };
   }
 
   private move(event: PointerEvent): void {
@@ -275,9 +292,9 @@ class StageCanvas {
       this.pan(event.clientX - gesture.last.x, event.clientY - gesture.last.y);
       gesture.last = { x: event.clientX, y: event.clientY };
     } else if (gesture.kind === "none") {
-      page.hovered.value = page.tool.value === "brush" ? null : this.nearest(at);
+      page.hovered.value = page.tool.value === "point" ? this.nearest(at) : null;
     }
-    if (gesture.kind !== "none" || page.tool.value === "brush") this.paintSoon();
+    if (gesture.kind !== "none" || page.tool.value !== "point") this.paintSoon();
   }
 
   private release(event: PointerEvent): void {
@@ -290,6 +307,8 @@ class StageCanvas {
       tracker.place(gesture.id, at);
     } else if (gesture.kind === "stroke") {
       void page.addObject(gesture.path);
+    } else if (gesture.kind === "corner") {
+      page.clickOutline(at, this.cornerReach());
     }
   }
 
@@ -299,7 +318,7 @@ class StageCanvas {
 
   private rest(): void {
     this.gesture = { kind: "none" };
-    tracker.hold(false);
+    page.stroking.value = false;
     this.paintSoon();
   }
 
@@ -313,7 +332,8 @@ class StageCanvas {
   private removeAt(event: MouseEvent): void {
     event.preventDefault();
     const id = this.nearest(this.positionOf(event));
-    if (id !== null) page.remove(id);
+    if (page.corners.value.length > 0) page.takeCornerBack();
+    else if (id !== null) page.remove(id);
     this.rest();
   }
 
@@ -350,6 +370,8 @@ class StageCanvas {
       page.hovered.value = this.nearest(this.pointer);
     } else if (event.key === "Enter" && page.tool.value === "brush") {
       void page.addObject([at]);
+    } else if (event.key === "Enter" && page.tool.value === "outline") {
+      page.clickOutline(at, this.cornerReach());
     } else if (event.key === "Enter") {
       const id = this.nearest(at);
       page.selected.value = id ?? tracker.add([at])[0] ?? null;
@@ -361,6 +383,12 @@ class StageCanvas {
   }
 }
 
+const ENTER: Record<page.Tool, string> = {
+  point: "places a point there",
+  brush: "places an object there",
+  outline: "places a corner there, and again at the same place closes the outline",
+};
+
 export function Stage() {
   const canvas = useRef<HTMLCanvasElement>(null);
   useEffect(() => {
@@ -368,7 +396,6 @@ export function Stage() {
     return () => stage.close();
   }, []);
   const [points, objects] = (tracker.revision.value, [tracker.points.size, tracker.points.objectCount]);
-  const made = page.tool.value === "brush" ? "an object" : "a point";
-  const name = `Frame ${tracker.shown.value}, ${points} points, ${objects} objects. Arrow keys move a crosshair, Enter places ${made} there.`;
+  const name = `Frame ${tracker.shown.value}, ${points} points, ${objects} objects. Arrow keys move a crosshair, Enter ${ENTER[page.tool.value]}.`;
   return <canvas ref={canvas} class={`stage-canvas ${page.tool.value}`} tabIndex={0} role="application" aria-label={name} />;
 }

@@ -149,8 +149,8 @@ class TimelineCanvas {
 
   private paintPlaced(track: Lane, y: number, color: string): void {
     const { context } = this;
-    const painted = tracker.points.getObject(track.id);
-    for (const { frame } of painted ? [painted] : (tracker.points.get(track.id)?.placed ?? [])) {
+    const drawn = tracker.points.getObject(track.id);
+    for (const { frame } of drawn ? [drawn] : (tracker.points.get(track.id)?.placed ?? [])) {
       if (frame < this.span.from) continue;
       const [x, middle] = [(this.xOf(frame) + this.xOf(frame + 1)) / 2, y + LANE / 2];
       context.beginPath();

@@ -93,6 +93,45 @@ test("an object is brushed over, followed, listed with what is seen of it, and r
   expect(objects[0].frames.length).toBeGreaterThan(0);
 });
 
+test("an object is outlined corner by corner, closed in three ways, named and followed", async () => {
+  visitor = await Visitor.at(browser, server.url);
+  const { page } = visitor;
+  await visitor.openClip();
+  await page.keyboard.press("o");
+  const entries = page.locator(".objects li");
+  const corners = async (...places: [number, number][]) => {
+    for (const [x, y] of places) await visitor.clickNear(x, y);
+  };
+  await corners([250, 200], [290, 200]);
+  await page.keyboard.press("Escape");
+  await page.locator(".outlining").waitFor({ state: "detached" });
+  await corners([250, 200], [290, 200], [292, 330], [500, 500]);
+  await page.keyboard.press("Backspace"); // not that one
+  await corners([246, 330]);
+  await page.screenshot({ path: join(SHOTS, "outline.png") });
+  await corners([251, 201]);
+  await expect.poll(() => entries.count()).toBe(1);
+  await page.getByLabel("Name of the object").fill("walker");
+  await page.getByLabel("Name of the object").press("Tab");
+  await corners([500, 150], [530, 150], [530, 240]);
+  await page.keyboard.press("Enter");
+  await expect.poll(() => entries.count()).toBe(2);
+  await page.getByRole("button", { name: "Start", exact: true }).click();
+  await visitor.until("processed", 12);
+  await corners([650, 240], [690, 240], [690, 310]); // while it runs: it begins on the next frame
+  const { left, top, scale } = await visitor.picture(768, 576);
+  await page.mouse.dblclick(left + 650 * scale, top + 310 * scale);
+  await expect.poll(() => entries.count()).toBe(3);
+  await visitor.until("processed", 36);
+  await page.keyboard.press("s");
+  await visitor.done();
+  const { objects, points } = JSON.parse(String(await visitor.save("JSON")));
+  expect(objects.map(({ name }: { name: string }) => name)).toEqual(["walker", "Object 26", "Object 51"]);
+  expect(points.filter(({ name }: { name: string }) => name === "walker").length).toBe(objects[0].points.length);
+  const [x, y] = objects[0].xy[0];
+  expect(Math.hypot(x - 269, y - 265)).toBeLessThan(4);
+});
+
 test("without a pointer everything can be done as well", async () => {
   visitor = await Visitor.at(browser, server.url);
   await visitor.openClip();
@@ -105,6 +144,13 @@ test("without a pointer everything can be done as well", async () => {
   await visitor.page.getByRole("button", { name: "Object 2", exact: true }).waitFor();
   await visitor.page.keyboard.press("Delete");
   await visitor.page.getByRole("button", { name: "Object 2", exact: true }).waitFor({ state: "detached" });
+  await visitor.page.keyboard.press("o");
+  await visitor.page.locator(".stage-canvas").focus();
+  for (const key of ["Enter", "Enter", ...Array(4).fill("ArrowRight"), "Enter", ...Array(4).fill("ArrowDown"), "Enter", "Enter"]) {
+    await visitor.page.keyboard.press(key);
+  }
+  await visitor.page.getByRole("button", { name: "Object 27", exact: true }).waitFor();
+  await visitor.page.keyboard.press("Delete");
   await visitor.page.keyboard.press("p");
   await visitor.page.keyboard.press("g");
   expect(await points()).toBeGreaterThan(60);

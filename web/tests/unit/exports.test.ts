@@ -61,11 +61,11 @@ test("CVAT's labels are in the order of their letters' bytes, and have no charac
 
 test("JSON has objects as the command line does, with the ids that its file has for their points", () => {
   const store = new TrackStore();
-  const object = store.seedObject(1, 0, "Object 1");
+  const object = store.seedObject(1, 0);
   store.apply([run(objectPointId(1, 0), 0, 2, 2), run(objectPointId(1, 2), 0, 2, 2)], [objectRun(1, 0, 2, 2, 0.25, [2])]);
   const text = toJson(table({ tracks: [...store.tracks], objects: [object] }));
   expect(text.slice(text.lastIndexOf("\n],") + 1)).toBe(
-    '],\n"objects": [{"frames":[0,1],"id":1,"left":[[4],[4]],"outline":[[[0.0,1.0],[4.0,1.0],[0.0,8.0]],[[1.0,1.0],[5.0,1.0],[1.0,8.0]]],' +
+    '],\n"objects": [{"frames":[0,1],"id":1,"left":[[4],[4]],"name":"Object 1","outline":[[[0.0,1.0],[4.0,1.0],[0.0,8.0]],[[1.0,1.0],[5.0,1.0],[1.0,8.0]]],' +
       '"points":[2,4],"rotation":[0.5,0.5],"scale":[1.0,1.0],"visible":[0.75,0.75],"xy":[[0.25,0.0],[1.25,2.0]]}]}\n',
   );
   expect(JSON.parse(text).objects[0].points).toEqual([2, 4]);

@@ -3,6 +3,7 @@ import { expect, test } from "vitest";
 import { grid } from "../../src/brush";
 import { confidenceColor } from "../../src/draw";
 import { Figures, quantile } from "../../src/figures";
+import { areaOf, clickAt } from "../../src/polygon";
 import { DEFAULTS, formatSettings, parseSettings } from "../../src/settings";
 import { sentSize } from "../../src/sources/source";
 
@@ -11,6 +12,21 @@ test("a grid fills the frame as the command line's does", () => {
   expect(points).toHaveLength(12);
   expect(points[0]).toEqual({ x: 49.5, y: 49.5 });
   expect(points.at(-1)).toEqual({ x: 349.5, y: 249.5 });
+});
+
+test("a click on the first corner or on the last one closes a polygon, once there are three", () => {
+  const [first, second, third] = [{ x: 10, y: 10 }, { x: 60, y: 10 }, { x: 60, y: 50 }];
+  const reach = { first: 14, last: 4 };
+  const clicks = (at: { x: number; y: number }, ...corners: { x: number; y: number }[]) => clickAt(corners, at, reach);
+  expect([clicks(first), clicks(second, first), clicks(third, first, second)]).toEqual(["corner", "corner", "corner"]);
+  expect([clicks(first, first), clicks(second, first, second)]).toEqual(["nothing", "nothing"]); // double clicks
+  expect([clicks({ x: 20, y: 10 }, first), clicks({ x: 20, y: 10 }, first, second, third)]).toEqual(["corner", "close"]);
+  expect([clicks({ x: 60, y: 53 }, first, second, third), clicks({ x: 60, y: 55 }, first, second, third)]).toEqual(["close", "corner"]);
+});
+
+test("what a polygon encloses does not depend on the way round", () => {
+  const corners = [{ x: 0, y: 0 }, { x: 10, y: 0 }, { x: 10, y: 6 }, { x: 0, y: 6 }];
+  expect([areaOf(corners), areaOf([...corners].reverse()), areaOf(corners.slice(0, 2))]).toEqual([60, 60, 0]);
 });
 
 test("quantiles are by nearest rank", () => {

@@ -58,10 +58,14 @@ test("a session without points goes by the server's word as well", () => {
 
 test("an object goes with its frame, and its points have ids of its own", () => {
   const session = begun();
-  session.pushFrame(JPEG, [], [{ id: 5, mask: new Uint8Array([1, 2]), points: 24 }]);
+  const corners = [{ x: 1, y: 2 }, { x: 30, y: 2 }, { x: 1, y: 40 }];
+  session.pushFrame(JPEG, [], [{ id: 5, shape: { mask: new Uint8Array([1, 2]) }, points: 24 }, { id: 40, shape: { corners }, points: 8 }]);
   session.removePoints([objectPointId(5, 0), objectPointId(5, 23), 7]);
   const [frame, removal] = [request(session.takeMessage()!), request(session.takeMessage()!)];
-  expect(frame.case === "frame" && frame.value.objects).toMatchObject([{ id: 5, points: 24, shape: { case: "maskPng" } }]);
+  expect(frame.case === "frame" && frame.value.objects).toMatchObject([
+    { id: 5, points: 24, shape: { case: "maskPng" } },
+    { id: 40, points: 8, shape: { case: "polygon", value: { x: [1, 30, 1], y: [2, 2, 40] } } },
+  ]);
   const first = 2n ** 63n + 5n * 2n ** 32n;
   expect(removal.case === "removePoints" && removal.value.ids).toEqual([first, first + 23n, 7n]);
   expect(inMessages(objectPointId(5, 23))).toBe(first + 23n);

@@ -132,8 +132,7 @@ test("a correction on an earlier frame leaves the estimates of this run alone", 
   expect(tracker.points.get(id!)!.placed.map(({ frame }) => frame)).toEqual([0, 2]);
 });
 
-const STROKE = { path: [{ x: 50, y: 50 }], radius: 20 };
-const MASK = new Uint8Array([1]);
+const STROKE = { path: [{ x: 50, y: 50 }], radius: 20, mask: new Uint8Array([1]) };
 
 /** The objects that a message has. */
 function objectsOf(bytes: Uint8Array): number[] {
@@ -143,11 +142,11 @@ function objectsOf(bytes: Uint8Array): number[] {
 
 test("an object begins on the frame that it was painted on, or on the next where that one was sent", async () => {
   const { tracker, world } = await loaded(new FakeSource(100));
-  expect(tracker.addObject(STROKE, MASK, 3)).toBe(1);
+  expect(tracker.addObject(STROKE, 3)).toBe(1);
   tracker.start();
   await accept(world);
   expect(objectsOf(world.socket.sent[1]!)).toEqual([1]);
-  const id = tracker.addObject(STROKE, MASK, 3)!; // on frame 11, the newest sent
+  const id = tracker.addObject(STROKE, 3)!; // on frame 11, the newest sent
   world.socket.say(tracks(1, [run(objectPointId(1, 2), 0, 1)], [objectRun(1, 0, 1)]));
   await settled();
   expect([world.socket.names.at(-1), objectsOf(world.socket.sent.at(-1)!)]).toEqual(["frame 12", [id]]);
@@ -158,7 +157,7 @@ test("an object begins on the frame that it was painted on, or on the next where
   expect([[...tracker.tracks.tracks], [...tracker.tracks.objects].length]).toEqual([[], 1]);
   expect(tracker.stale.value).toBe(false);
   tracker.show(2);
-  tracker.addObject(STROKE, MASK, 3);
+  tracker.addObject(STROKE, 3);
   expect(tracker.stale.value).toBe(true);
 });
 
@@ -175,11 +174,39 @@ test("no frame is sent while something is drawn", async () => {
   expect(world.socket.names.at(-1)).toBe("frame 16");
 });
 
+test("a name that is given to an object is its points' too, also of those to come and of runs to come", async () => {
+  const { tracker, world } = await loaded(new FakeSource(100));
+  const id = tracker.addObject(STROKE, 3)!;
+  const names = () => [...tracker.table().objects, ...tracker.table().tracks].map(({ name }) => name);
+  tracker.start();
+  await accept(world);
+  world.socket.say(tracks(1, [run(objectPointId(id, 0), 0, 1)], [objectRun(id, 0, 1)]));
+  expect(names()).toEqual(["Object 1", "2"]);
+  tracker.rename(id, "Car");
+  world.socket.say(tracks(2, [run(objectPointId(id, 1), 0, 2)], [objectRun(id, 0, 2)]));
+  expect(names()).toEqual(["Car", "Car", "Car"]);
+  tracker.start();
+  expect(names()).toEqual(["Car"]);
+  tracker.rename(id, "");
+  expect(names()).toEqual(["Object 1"]);
+});
+
+test("what is played stands still while something is drawn on it", async () => {
+  const { tracker, world } = await loaded(new FakeSource(3));
+  tracker.start();
+  await accept(world);
+  world.socket.say(response({ case: "summary", value: {} }));
+  tracker.toggle();
+  tracker.hold(true);
+  world.pass(500);
+  expect([tracker.playing.value, tracker.shown.value]).toEqual([false, 0]);
+});
+
 test("an object for which no frame came begins on the last one when the run begins anew", async () => {
   const { tracker, world } = await loaded(new FakeSource(12));
   tracker.start();
   await accept(world, { hopFrames: 7 }); // 11 frames leave
-  tracker.addObject(STROKE, MASK, 3);
+  tracker.addObject(STROKE, 3);
   tracker.stop();
   await settled();
   world.socket.say(response({ case: "summary", value: {} }));
@@ -193,10 +220,10 @@ test("more objects, or points of theirs, than the server takes are refused here"
   const { tracker, world } = await loaded(new FakeSource(100));
   tracker.start();
   await accept(world, { limits: { maxPoints: 9, maxObjects: 1 } });
-  expect(tracker.addObject(STROKE, MASK, 10)).toBeNull();
+  expect(tracker.addObject(STROKE, 10)).toBeNull();
   expect(tracker.notice.value!.text).toContain("at most 9 points");
-  expect(tracker.addObject(STROKE, MASK, 5)).toBe(1);
-  expect(tracker.addObject(STROKE, MASK, 4)).toBeNull();
+  expect(tracker.addObject(STROKE, 5)).toBe(1);
+  expect(tracker.addObject(STROKE, 4)).toBeNull();
   expect(tracker.notice.value!.text).toContain("at most 1 objects");
 });
 

@@ -72,7 +72,7 @@ test("the slowest point says how far frames are final", () => {
 
 test("an object has a life of its own, and points that are there once something is heard of them", () => {
   const store = storeWith(1);
-  const object = store.seedObject(2, 4, "Object 2");
+  const object = store.seedObject(2, 4);
   expect([object.newest(9), store.finalFrames(40)]).toEqual([-1, 0]);
   store.apply([run(objectPointId(2, 0), 4, 6, 3), run(objectPointId(2, 7), 4, 6, 3)], [objectRun(2, 4, 6, 2)]);
   store.apply([], [objectRun(2, 4, 8, 0, 100, [7])]); // would revise everything
@@ -87,7 +87,7 @@ test("an object has a life of its own, and points that are there once something 
 
 test("a point that is placed anew goes on where the one before it left", () => {
   const store = storeWith(300);
-  const object = store.seedObject(1, 0, "Object 1");
+  const object = store.seedObject(1, 0);
   const [old, anew] = [objectPointId(1, 3), objectPointId(1, 3 + 256)];
   store.apply([run(old, 0, 24, 9), run(300, 0, 2)], [objectRun(1, 0, 12, 9, 0, [3])]);
   store.apply([run(anew, 8, 20, 0, 100)], [objectRun(1, 9, 9, 7, 0, [3], [3 + 256])]);
@@ -104,7 +104,7 @@ test("a point that is placed anew goes on where the one before it left", () => {
 
 test("an object goes with all of its points, and late results meet nobody", () => {
   const store = storeWith(1);
-  store.seedObject(2, 0, "Object 2");
+  store.seedObject(2, 0);
   store.apply([run(objectPointId(2, 0), 0, 3)], [objectRun(2, 0, 3)]);
   store.remove(2);
   store.apply([run(objectPointId(2, 1), 0, 3)], [objectRun(2, 0, 3)]);
@@ -114,10 +114,10 @@ test("an object goes with all of its points, and late results meet nobody", () =
 
 test("an object takes as many ids as it may have points", () => {
   const points = new Points();
-  const stroke = { path: [{ x: 1, y: 1 }], radius: 9 };
-  const object = points.addObject({ frame: 3, shown: 2, stroke, mask: new Uint8Array(), count: 24 });
+  const shape = { path: [{ x: 1, y: 1 }], radius: 9, mask: new Uint8Array() };
+  const object = points.addObject({ frame: 3, shown: 2, shape, count: 24 });
   expect([object.id, points.add(0, 1, 1).id, points.most]).toEqual([1, 26, 25]);
-  expect(points.objectsOn(3)).toEqual([{ id: 1, mask: object.mask, points: 24 }]);
+  expect(points.objectsOn(3)).toEqual([{ id: 1, shape, points: 24 }]);
   expect(points.objectsOn(2)).toEqual([]);
 });
 
