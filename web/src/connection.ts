@@ -18,6 +18,8 @@ export interface World {
   open(): Socket;
   now(): number; // ms, steady
   after(ms: number, call: () => void): () => void; // the result takes the call back
+  hidden(): boolean; // nobody looks, and timers are slow
+  refusal(): string; // why there may be no socket, as browsers do not tell
   random(): number; // 0 .. 1
 }
 
@@ -143,9 +145,7 @@ export class Connection {
     const problem = this.ending;
     const idle = this.open && problem?.code === Code.DEADLINE_EXCEEDED;
     this.letGo();
-    // Browsers do not tell what an answer without a socket was.
-    const refused = "No connection to the server: it is away, wants a token, or does not know this page's address.";
-    if (!this.begun) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: refused });
+    if (!this.begun) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: this.world.refusal() });
     if (!this.session.replay.keeps) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: `Lost: ${why}.` });
     if (idle) return this.park();
     const temporary = !problem || problem.code === Code.UNAVAILABLE || problem.retryAfterMs !== undefined;

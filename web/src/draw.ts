@@ -152,7 +152,7 @@ function paintOutline(context: Context, object: ObjectTrack, frame: number, look
   const at = shownAt(context, object, frame);
   if (at < 0) return;
   const chosen = object.id === look.selected || object.id === look.hovered;
-  const [alpha, color] = [context.globalAlpha, strokeOf(object, at, look)];
+  const [alpha, color] = [context.globalAlpha * (object.visible(at) ? 1 : 0.5), strokeOf(object, at, look)];
   context.beginPath();
   for (const [x, y] of object.at(at)!.outline) context.lineTo(placed(x, look), placed(y, look));
   context.closePath();

@@ -2,6 +2,7 @@
 
 const RECENT = 240; // samples that figures are made of
 const RATE_MS = 3_000; // over which a rate is taken
+const LEAST_RATE_MS = 500; // from which on it says something
 
 /** The q-th quantile (0 .. 1) by nearest rank; NaN of nothing. */
 export function quantile(values: readonly number[], q: number): number {
@@ -14,6 +15,8 @@ export function quantile(values: readonly number[], q: number): number {
 export class Figures {
   /** [frame, ms from sending it to its first estimate], the newest of them. */
   readonly latencies: [number, number][] = [];
+  /** [time, frames a second], the newest of them. */
+  readonly rates: [number, number][] = [];
   private waiting = new Map<number, number>(); // when a frame was sent that has no estimate yet
   private progress: [number, number][] = []; // [time, frames processed]
 
@@ -36,6 +39,8 @@ export class Figures {
   processed(frames: number, now: number): void {
     if (frames !== this.progress.at(-1)?.[1]) this.progress.push([now, frames]);
     while (this.progress.length > 2 && this.progress[1]![0] < now - RATE_MS) this.progress.shift();
+    if (now - this.progress[0]![0] >= LEAST_RATE_MS) this.rates.push([now, this.rate(now)]);
+    if (this.rates.length > RECENT) this.rates.shift();
   }
 
   /** Frames a second, of late. */

@@ -56,13 +56,19 @@ const world: World = {
     const timer = setTimeout(call, ms);
     return () => clearTimeout(timer);
   },
+  refusal: () => {
+    if (server.standing.value === "serving") return "No connection to the server: it does not know this page's address.";
+    return `No connection. ${server.words.value}.`;
+  },
+  hidden: () => document.visibilityState === "hidden",
   random: Math.random,
 };
 
 export const tracker = new Tracker(world, () => settings.value);
 export const server = new ServerInfo(() => token.value);
 effect(() => {
-  if (tracker.link.value?.state === "waiting") void server.ask();
+  const state = tracker.link.value?.state;
+  if (state === "waiting" || state === "ended") void server.ask();
 });
 
 effect(() => tracker.hold(stroking.value || corners.value.length > 0));
@@ -102,9 +108,12 @@ export function loadFiles(files: readonly File[]): void {
   else if (video) void load(() => openVideo(video, video.name, encoding()));
 }
 
+/** Those of a grid that are not there yet. */
 export function addGrid(): void {
   const source = tracker.source.value;
-  if (source) tracker.add(grid(GRID_POINTS, source.width, source.height));
+  if (!source) return;
+  const there = new Set(tracker.points.seedsOn(tracker.shown.value).map(({ x, y }) => `${x} ${y}`));
+  tracker.add(grid(GRID_POINTS, source.width, source.height).filter(({ x, y }) => !there.has(`${x} ${y}`)));
 }
 
 /** Follows what a stroke of the brush went over. */

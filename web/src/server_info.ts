@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import { signal } from "@preact/signals";
+import { computed, signal } from "@preact/signals";
 
 /** What the server says of itself: GetServerInfoResponse in protobuf's JSON. */
 export interface Info {
@@ -38,6 +38,8 @@ export class ServerInfo {
   /** The newest ones; empty: the server said nothing yet. */
   readonly loads = signal<Load[]>([]);
 
+  readonly words = computed(() => this.inWords(this.standing.value));
+
   constructor(private readonly token: () => string) {}
 
   start(): void {
@@ -56,6 +58,21 @@ export class ServerInfo {
       this.standing.value = answer.ok ? "serving" : answer.status === 401 ? "token" : answer.status === 503 ? "loading" : "away";
     } catch {
       this.standing.value = "away";
+    }
+  }
+
+  private inWords(standing: Standing): string {
+    switch (standing) {
+      case "unknown":
+        return "Asking the server …";
+      case "serving":
+        return "Serving";
+      case "loading":
+        return "The server is loading";
+      case "token":
+        return this.token() ? "The server does not know this token" : "The server wants a token";
+      case "away":
+        return "The server does not answer";
     }
   }
 

@@ -10,7 +10,7 @@ import { type Answer, SessionState } from "./session";
 import type { Settings } from "./settings";
 import type { Source } from "./sources/source";
 import { TrackStore } from "./tracks";
-import { makeConfig, objectPointId, type ObjectRun, type Run, type SessionAccepted } from "./wire";
+import { inWords, makeConfig, objectPointId, type ObjectRun, type Run, type SessionAccepted } from "./wire";
 
 /**
  * empty -> loading -> ready -> running <-> paused -> finishing -> done; failed from any of them. A run can begin anew
@@ -260,7 +260,7 @@ export class Tracker implements Observer {
 
   onLink(link: Link): void {
     this.link.value = link;
-    if (link.state === "ended" && link.problem) this.fail(new Error(link.problem.text));
+    if (link.state === "ended" && link.problem) this.fail(new Error(inWords(link.problem)));
     this.wake();
   }
 
@@ -347,9 +347,9 @@ export class Tracker implements Observer {
     return true;
   }
 
-  // A camera has its own.
+  // A camera has its own. Where nobody looks there is no pace to be kept.
   private async keepPace(frame: number): Promise<void> {
-    if (frame === 0 || this.source.value?.live || this.settings().pace === "fastest") return;
+    if (frame === 0 || this.source.value?.live || this.settings().pace === "fastest" || this.world.hidden()) return;
     const step = 1000 * (this.frames.seconds(frame) - this.frames.seconds(frame - 1));
     const wait = this.lastSent + step - this.world.now();
     if (wait > 0) await new Promise<void>((resolve) => this.world.after(wait, resolve));

@@ -147,6 +147,13 @@ export function toObjectRun(run: ObjectRunMessage): ObjectRun {
   return { id: run.id, firstFrame: Number(run.firstFrame), samples, finalCount: run.finalCount };
 }
 
+/** A problem as a sentence for users. */
+export function inWords({ code, text }: Problem): string {
+  const said = /[.!?]$/.test(text) ? text : `${text}.`;
+  if (code === Code.RESOURCE_EXHAUSTED) return `The server has no room for this: ${said}`;
+  return said.charAt(0).toUpperCase() + said.slice(1);
+}
+
 export function toProblem(status: Status): Problem {
   const problem: Problem = { code: status.code, text: status.message };
   for (const detail of status.details) {

@@ -80,7 +80,9 @@ function Outlining() {
 
 function Hint() {
   if (page.corners.value.length > 0) return <Outlining />;
-  if (tracker.phase.value !== "ready" || (tracker.revision.value, tracker.points.most) > 0) return null;
+  const phase = tracker.phase.value;
+  if (phase === "empty" || phase === "loading" || (tracker.revision.value, tracker.points.most) > 0) return null;
+  if (phase !== "ready") return <p class="hint">Nothing is followed yet: click on what you want to follow.</p>;
   return <p class="hint">Click on what you want to follow, or brush over an object. <kbd>Space</kbd> starts.</p>;
 }
 
@@ -136,8 +138,8 @@ const START: Record<string, [IconName, string]> = {
   ready: ["play", "Start"],
   running: ["pause", "Pause"],
   paused: ["play", "Go on"],
-  finishing: ["play", "Finishing …"],
-  failed: ["again", "Track again"],
+  finishing: ["play", "Finishing"],
+  failed: ["again", "Retry"],
   done: ["play", "Play"],
 };
 

@@ -7,7 +7,9 @@ import * as page from "../page";
 
 const { tracker, server } = page;
 const HEIGHT = 110; // CSS pixels
-const LOAD_HEIGHT = 26;
+const SPARK_HEIGHT = 26;
+const RATE_SECONDS = 15; // at most; a line begins with a third of them
+const LOAD_SECONDS = 60;
 
 type Style = (name: string) => string; // a custom property of the page's style
 
@@ -65,18 +67,30 @@ export function LatencyChart() {
   return <div class="chart" ref={host} role="img" aria-label="Latency of the newest frames" />;
 }
 
-function loadOptions(style: Style): Partial<uPlot.Options> {
-  return {
-    padding: [2, 0, 2, 0],
-    scales: { x: { time: false, range: (_chart, _low, high) => [(high ?? 0) - 60, high ?? 0] }, y: { range: (_chart, _low, high) => [0, Math.max(1, high)] } },
-    axes: [{ show: false }, { show: false }],
-    series: [{}, line(style)],
-  };
+type Range = (low: number, high: number) => [number, number];
+
+/** A line without axes. */
+const sparkline = (range: Range) => (style: Style): Partial<uPlot.Options> => ({
+  padding: [2, 0, 2, 0],
+  scales: { x: { time: false, range: (_chart, low, high) => range(low ?? 0, high ?? 0) }, y: { range: (_chart, _low, high) => [0, Math.max(1, 1.1 * high)] } },
+  axes: [{ show: false }, { show: false }],
+  series: [{}, line(style)],
+});
+
+/** How many frames a second the server works off. */
+export function RateChart() {
+  const newest: Range = (low, high) => [Math.max(low, high - RATE_SECONDS), Math.max(high, low + RATE_SECONDS / 3)];
+  const host = useChart(SPARK_HEIGHT, sparkline(newest), () => {
+    void tracker.revision.value;
+    const { rates } = tracker.figures;
+    return [rates.map(([time]) => time / 1000), rates.map(([, rate]) => rate)];
+  });
+  return <div class="load" ref={host} role="img" aria-label={`Frames a second, over the last ${RATE_SECONDS} seconds of the run`} />;
 }
 
 /** What the server has to do for all of its clients: points followed over the last minute. */
 export function LoadChart() {
-  const host = useChart(LOAD_HEIGHT, loadOptions, () => {
+  const host = useChart(SPARK_HEIGHT, sparkline((_low, high) => [high - LOAD_SECONDS, high]), () => {
     const loads = server.loads.value;
     return [loads.map(({ seconds }) => seconds), loads.map(({ points }) => points)];
   });

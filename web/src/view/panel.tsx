@@ -8,7 +8,7 @@ import { toNpz } from "../exports/npz";
 import { to3de, toCsv, toDeepLabCut, toJson } from "../exports/text";
 import type { ObjectTrack } from "../objects";
 import * as page from "../page";
-import { LatencyChart, LoadChart } from "./chart";
+import { LatencyChart, LoadChart, RateChart } from "./chart";
 import { LeftMark } from "./help";
 import { Icon, IconButton } from "./icons";
 
@@ -57,7 +57,7 @@ function Live() {
   const sent = tracker.sent.value;
   const all = tracker.expected.value;
   return (
-    <Card title="Progress" open>
+    <Card title="Progress" open beside={figures.rates.length > 0 && <><RateChart /><span class="load-now">frames/s</span></>}>
       <Progress name="sent" value={sent} of={all} />
       <Progress name="processed" value={tracker.processed.value} of={all} />
       <Progress name="final" value={tracker.final.value} of={all} />
@@ -67,6 +67,7 @@ function Live() {
         <Figure name="p95" value={time(figures.latency(0.95))} hint="95 of 100 of the newest frames had an estimate within this time" />
         <Figure name="dropped" value={String(tracker.dropped.value)} hint="Frames of the camera that came while the server was busy" />
       </dl>
+      <p class="soft caption">Latency of a frame's first estimate</p>
       <LatencyChart />
     </Card>
   );
@@ -256,20 +257,12 @@ function Options() {
   );
 }
 
-const STANDINGS = {
-  unknown: "Asking the server …",
-  serving: "Serving",
-  loading: "The server is loading",
-  token: "The server wants a token",
-  away: "The server does not answer",
-};
-
 export function ServerPill() {
   const standing = server.standing.value;
   return (
-    <span class={`pill ${standing}`} role="status" title={STANDINGS[standing]}>
+    <span class={`pill ${standing}`} role="status" title={server.words.value}>
       <i aria-hidden="true" />
-      <span>{STANDINGS[standing]}</span>
+      <span>{server.words.value}</span>
     </span>
   );
 }
@@ -293,7 +286,7 @@ function Server() {
   if (accepted) facts.push(["this session", accepted.sessionId], ["its trace", accepted.traceId]);
   return (
     <Card title="Server" open={standing === "token"} beside={<LoadChart />}>
-      {standing !== "serving" && <p class="soft">{STANDINGS[standing]}.</p>}
+      {standing !== "serving" && <p class="soft">{server.words.value}.</p>}
       <Facts facts={facts} />
       <form class="field" onSubmit={(event) => { event.preventDefault(); void server.ask(); }}>
         <label for="token">Token</label>
@@ -305,14 +298,16 @@ function Server() {
 }
 
 export function Panel() {
+  const locked = server.standing.value === "token"; // what to do about it comes first
   return (
     <aside class="panel" aria-label="Figures, settings and files">
+      {locked && <Server />}
       <Live />
       <Selected />
       <Objects />
       <Exports />
       <Options />
-      <Server />
+      {!locked && <Server />}
     </aside>
   );
 }

@@ -93,9 +93,19 @@ class TimelineCanvas {
     this.context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     const colors = getComputedStyle(this.canvas);
     const color = (name: string) => colors.getPropertyValue(name).trim();
+    if (this.lanes.length === 0) this.paintEmpty(width, height, color("--text-soft"));
     this.paintLanes(height, color);
     this.paintRuler(width, color);
     this.paintPlayhead(height, color);
+  }
+
+  private paintEmpty(width: number, height: number, textColor: string): void {
+    this.context.fillStyle = textColor;
+    this.context.font = "13px system-ui, sans-serif";
+    this.context.textAlign = "center";
+    this.context.textBaseline = "middle";
+    this.context.fillText("Points and objects have their lanes here", width / 2, (RULER + height) / 2, width - 24);
+    this.context.textAlign = "left";
   }
 
   private paintLanes(height: number, color: (name: string) => string): void {

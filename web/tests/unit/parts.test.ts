@@ -49,6 +49,7 @@ test("the rate is that of the last seconds, and nothing once they are over", () 
   for (let i = 0; i <= 100; ++i) figures.processed(i < 50 ? i : 50 + 2 * (i - 50), 100 * i);
   expect(figures.rate(10_000)).toBeCloseTo(20);
   expect(figures.rate(20_000)).toBeNaN();
+  expect([figures.rates[0], figures.rates.at(-1)!.map(Math.round)]).toEqual([[500, 10], [10_000, 20]]);
 });
 
 test("settings survive an address, and defaults are left out", () => {

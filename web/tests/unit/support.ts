@@ -113,6 +113,7 @@ export class FakeSocket implements Socket {
 export class FakeWorld implements World {
   sockets: FakeSocket[] = [];
   time = 0;
+  away = false;
   private timers: { at: number; call: () => void }[] = [];
 
   open(): FakeSocket {
@@ -125,6 +126,12 @@ export class FakeWorld implements World {
   }
   random(): number {
     return 0.5;
+  }
+  refusal(): string {
+    return "refused";
+  }
+  hidden(): boolean {
+    return this.away;
   }
   after(ms: number, call: () => void): () => void {
     const timer = { at: this.time + ms, call };

@@ -254,6 +254,10 @@ test("a file keeps the pace at which it was recorded", async () => {
     await settled();
   }
   expect(world.socket.names.at(-1)).toBe("frame 5");
+  world.away = true; // nobody looks, and timers of hidden pages are slow
+  world.pass(100);
+  await settled();
+  expect(world.socket.names.at(-1)).toBe("frame 11");
 });
 
 test("after a loss the page says where the session goes on, and the run ends as if nothing had been", async () => {
@@ -276,7 +280,7 @@ test("an error of the server ends the run, and says why", async () => {
   world.socket.say(response({ case: "error", value: { code: 8, message: "too many points", details: [] } }));
   await settled();
   expect(tracker.phase.value).toBe("failed");
-  expect(tracker.notice.value).toEqual({ text: "too many points", bad: true });
+  expect(tracker.notice.value).toEqual({ text: "The server has no room for this: too many points.", bad: true });
 });
 
 test("more points than the server takes are refused here", async () => {

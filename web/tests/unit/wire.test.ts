@@ -5,7 +5,7 @@ import { expect, test } from "vitest";
 import { subprotocols } from "../../src/connection";
 import { BadRequestSchema, RetryInfoSchema } from "../../src/gen/google/rpc/error_details_pb";
 import { StatusSchema } from "../../src/gen/google/rpc/status_pb";
-import { toProblem } from "../../src/wire";
+import { Code, inWords, toProblem } from "../../src/wire";
 
 test("a refusal says when to come again", () => {
   const retry = create(RetryInfoSchema, { retryDelay: { seconds: 1n, nanos: 500_000_000 } });
@@ -23,6 +23,13 @@ test("fields that are wrong are named, once", () => {
   const message = "config.hop_frames: 24 is not in 1 .. 23";
   const status = create(StatusSchema, { code: 3, message, details: [anyPack(BadRequestSchema, bad)] });
   expect(toProblem(status).text).toBe(`${message}\nconfig.iterations: 99 is not in 1 .. 64`);
+});
+
+test("users are told problems in sentences", () => {
+  expect(inWords({ code: Code.UNAUTHENTICATED, text: "the token is unknown" })).toBe("The token is unknown.");
+  expect(inWords({ code: Code.RESOURCE_EXHAUSTED, text: "sessions: all 1 are in use" })).toBe(
+    "The server has no room for this: sessions: all 1 are in use.");
+  expect(inWords({ code: Code.UNAVAILABLE, text: "Lost: it broke." })).toBe("Lost: it broke.");
 });
 
 test("a token travels as a subprotocol, in base64url without padding", () => {
