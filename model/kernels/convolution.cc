@@ -12,16 +12,17 @@ namespace holdfast {
 namespace convolution {
 namespace {
 
-// The input's rows of a group are to stay in the second-level cache; of their terms one is looked at at a time.
+// The input's rows of a group are to stay in the second-level cache. Of terms one in four, or in sixteen, is looked at
+// at a time; weights are read once a group.
 constexpr int64_t kGroupFloats = 48 * 1024;
-constexpr int64_t kGroupTermFloats = 96 * 1024;
+constexpr int64_t kGroupTermFloats = 128 * 1024;
 
-// Panel after panel: the bias, then for each of the Depth inputs the weights of its channels; or that of each term.
+// Panel after panel: the bias, then for each of the Depth inputs the weights of its channels; or those of the terms.
 template <int64_t kWidth>
 HOLDFAST_INLINE void Pack(const ConvolutionMaps& m) {
   const int64_t panel = PanelChannels<kWidth>(m.out_channels);
   const int64_t depth = Depth(m);
-  const int64_t floats = TakesTerms(m) ? kTerms * (depth / 3 + 1) * panel : (depth + 1) * panel;
+  const int64_t floats = TakesTerms(m) ? PanelTermFloats(m, panel) : (depth + 1) * panel;
   float* to = m.packed;
   for (int64_t first = 0; first < m.out_channels; first += panel, to += floats) {
     const int64_t used = std::min(panel, m.out_channels - first);
@@ -37,14 +38,14 @@ HOLDFAST_INLINE void Pack(const ConvolutionMaps& m) {
 
 // Scratch memory of a thread.
 struct Scratch {
-  Rows rows;       // of the input, or their terms
+  Rows rows;       // of the input, or terms of parts
   float* line;     // where there are terms: a row of the input
-  float* results;  // [kTerms, rows of the group, pairs, panel]
+  float* terms;    // [4, kTerms, pairs, C], those of the last rows: row y is at y % 4
+  float* results;  // [term lines, kTerms, parts of the group, pairs, panel]
 };
 
 HOLDFAST_INLINE int64_t RowFloats(const ConvolutionMaps& m) {
-  if (TakesTerms(m)) return TermFloats(m);
-  return (m.width + 2 * (m.kernel_width / 2)) * m.channels;
+  return TakesTerms(m) ? PartFloats(m) : (m.width + 2 * (m.kernel_width / 2)) * m.channels;
 }
 
 // Rows of a map that has nothing above and below are rows of one tall map.
@@ -72,7 +73,7 @@ HOLDFAST_INLINE void NormRow(const float* x, int64_t pixels, int64_t channels, c
 
 // One row of the input, normed where that is asked for, with zeros on both sides: 'floats' in all.
 template <int64_t kWidth>
-HOLDFAST_INLINE void GatherRow(const ConvolutionMaps& m, int64_t row, int64_t image, int64_t floats, float* out) {
+HOLDFAST_INLINE void CopyRow(const ConvolutionMaps& m, int64_t row, int64_t image, int64_t floats, float* out) {
   const int64_t margin = m.kernel_width / 2 * m.channels;
   const int64_t values = m.width * m.channels;
   const float* x = m.x + row * values;
@@ -85,23 +86,51 @@ HOLDFAST_INLINE void GatherRow(const ConvolutionMaps& m, int64_t row, int64_t im
   std::fill_n(out + margin + values, floats - margin - values, 0.0f);
 }
 
-// The rows that [first, first + count) of the rows of one map's result need; 'image_rows' are a row of moments' rows.
+// Row y of a map, which may lie above or below it; 'image_rows' are a row of moments' rows.
 template <int64_t kWidth>
-HOLDFAST_INLINE void GatherRows(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t first,
-                                int64_t count, const Scratch& scratch) {
-  const int64_t top = first * m.stride - m.kernel_height / 2;
-  float* row = scratch.rows.first;
-  for (int64_t i = 0; i < (count - 1) * m.stride + m.kernel_height; ++i, row += scratch.rows.floats) {
-    const int64_t y = top + i;
-    const int64_t place = image * m.height + y;
-    if (y < 0 || y >= m.height) {
-      std::fill_n(row, scratch.rows.floats, 0.0f);
-    } else if (TakesTerms(m)) {
-      GatherRow<kWidth>(m, place, place / image_rows, LineFloats(m), scratch.line);
-      MakeTerms<kWidth>(scratch.line, Pairs(m), m.channels, row);
-    } else {
-      GatherRow<kWidth>(m, place, place / image_rows, scratch.rows.floats, row);
+HOLDFAST_INLINE void GatherRow(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t y, int64_t floats,
+                               float* out) {
+  if (y < 0 || y >= m.height) {
+    std::fill_n(out, floats, 0.0f);
+    return;
+  }
+  const int64_t row = image * m.height + y;
+  CopyRow<kWidth>(m, row, row / image_rows, floats, out);
+}
+
+// The terms of parts [first, first + count) of one map's result.
+template <int64_t kWidth>
+HOLDFAST_INLINE void GatherTerms(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t first,
+                                 int64_t count, const Scratch& scratch) {
+  float* part = scratch.rows.first;
+  for (int64_t i = 0; i < count; ++i, part += scratch.rows.floats) {
+    if (m.kernel_height == 1) {
+      GatherRow<kWidth>(m, image_rows, image, first + i, LineFloats(m), scratch.line);
+      MakeTermsOfLine<kWidth>(scratch.line, Pairs(m), m.channels, part);
+      continue;
     }
+    const float* of_rows[kTerms];
+    for (int64_t k = 0; k < kTerms; ++k) {
+      const int64_t y = 2 * (first + i) - 1 + k;
+      float* terms = scratch.terms + (y + kTerms) % kTerms * TermFloats(m);
+      of_rows[k] = terms;
+      if (i > 0 && k < 2) continue;  // of the part before
+      GatherRow<kWidth>(m, image_rows, image, y, LineFloats(m), scratch.line);
+      MakeTermsOfLine<kWidth>(scratch.line, Pairs(m), m.channels, terms);
+    }
+    MakeTerms<kWidth>(of_rows, TermFloats(m), TermFloats(m), part);
+  }
+}
+
+// What parts [first, first + count) of one map's result need of the input.
+template <int64_t kWidth>
+HOLDFAST_INLINE void Gather(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t first, int64_t count,
+                            const Scratch& scratch) {
+  if (TakesTerms(m)) return GatherTerms<kWidth>(m, image_rows, image, first, count, scratch);
+  const int64_t top = first * m.stride - m.kernel_height / 2;
+  for (int64_t i = 0; i < (count - 1) * m.stride + m.kernel_height; ++i) {
+    float* row = scratch.rows.first + i * scratch.rows.floats;
+    GatherRow<kWidth>(m, image_rows, image, top + i, scratch.rows.floats, row);
   }
 }
 
@@ -123,10 +152,11 @@ HOLDFAST_INLINE void TakeMoments(const ConvolutionMaps& m, const float* y, int64
   }
 }
 
-// Floats of a group's rows of the input. Tiles may reach beyond the last row's end.
+// Floats of what a group of parts needs of the input. Tiles may reach beyond the last row's end.
 HOLDFAST_INLINE int64_t GroupFloats(const ConvolutionMaps& m, int64_t group) {
-  const int64_t input_rows = (group - 1) * m.stride + m.kernel_height;
-  return input_rows * RowFloats(m) + (kMaxPixels * m.stride + m.kernel_width) * m.channels;
+  const int64_t slack = (kMaxPixels * m.stride + m.kernel_width) * m.channels;
+  if (TakesTerms(m)) return group * PartFloats(m) + slack;
+  return ((group - 1) * m.stride + m.kernel_height) * RowFloats(m) + slack;
 }
 
 HOLDFAST_INLINE int64_t SumFloats(const ConvolutionMaps& m, int64_t group) {
@@ -134,26 +164,33 @@ HOLDFAST_INLINE int64_t SumFloats(const ConvolutionMaps& m, int64_t group) {
 }
 
 HOLDFAST_INLINE Scratch Divide(const ConvolutionMaps& m, int64_t group, float* memory) {
-  Scratch scratch = {{memory, RowFloats(m), memory + GroupFloats(m, group)}, nullptr, nullptr};
+  Scratch scratch = {{memory, RowFloats(m), memory + GroupFloats(m, group)}, nullptr, nullptr, nullptr};
   if (TakesTerms(m)) {
     scratch.line = scratch.rows.sums + SumFloats(m, group);
-    scratch.results = scratch.line + LineFloats(m);
+    scratch.terms = scratch.line + LineFloats(m);
+    scratch.results = scratch.terms + kTerms * TermFloats(m);
   }
   return scratch;
+}
+
+HOLDFAST_INLINE int64_t PartsOfImage(const ConvolutionMaps& m) {
+  return (m.out_height + PartLines(m) - 1) / PartLines(m);
 }
 
 template <int64_t kWidth>
 HOLDFAST_INLINE void ConvolveGroups(const ConvolutionMaps& maps, float* memory, int64_t begin, int64_t end) {
   const ConvolutionMaps m = AsOneMap(maps);
-  const int64_t group = maps.group_rows();
+  const int64_t group = maps.group_parts();
   const Scratch scratch = Divide(m, group, memory);
   std::fill(memory, scratch.rows.sums, 0.0f);
-  int64_t rows = 0;
-  for (int64_t row = begin; row < end; row += rows) {
-    const int64_t image = row / m.out_height;
-    const int64_t y = row % m.out_height;
-    rows = std::min({group, m.out_height - y, end - row});
-    GatherRows<kWidth>(m, maps.height, image, y, rows, scratch);
+  int64_t count = 0;
+  for (int64_t part = begin; part < end; part += count) {
+    const int64_t image = part / PartsOfImage(m);
+    const int64_t first = part % PartsOfImage(m);
+    count = std::min({group, PartsOfImage(m) - first, end - part});
+    Gather<kWidth>(m, maps.height, image, first, count, scratch);
+    const int64_t y = first * PartLines(m), row = image * m.out_height + y;
+    const int64_t rows = std::min(count * PartLines(m), m.out_height - y);
     float* out = m.y + row * m.out_width * m.out_channels;
     // Twelve sums and what is multiplied fill sixteen registers.
     if (PanelChannels<kWidth>(m.out_channels) == 3 * kWidth) {
@@ -168,28 +205,31 @@ HOLDFAST_INLINE void ConvolveGroups(const ConvolutionMaps& maps, float* memory, 
 }  // namespace
 }  // namespace convolution
 
+int64_t ConvolutionMaps::parts() const { return images * convolution::PartsOfImage(*this); }
+
 int64_t ConvolutionMaps::packed_floats() const {
   using namespace convolution;
-  const int64_t a_channel = TakesTerms(*this) ? kTerms * (Depth(*this) / 3 + 1) : Depth(*this) + 1;
-  return a_channel * (out_channels + kMaxPanel);
+  const int64_t channels_at_most = out_channels + kMaxPanel;
+  return TakesTerms(*this) ? PanelTermFloats(*this, channels_at_most) : (Depth(*this) + 1) * channels_at_most;
 }
 
-int64_t ConvolutionMaps::group_rows() const {
+int64_t ConvolutionMaps::group_parts() const {
   using namespace convolution;
   const int64_t floats = TakesTerms(*this) ? kGroupTermFloats : kGroupFloats;
-  return std::clamp<int64_t>(floats / (RowFloats(*this) * stride), 1, rows());
+  return std::clamp<int64_t>(floats / (RowFloats(*this) * stride), 1, parts());
 }
 
 int64_t ConvolutionMaps::scratch_floats() const {
   using namespace convolution;
-  const int64_t group = group_rows();
+  const int64_t group = group_parts();
   const int64_t floats = GroupFloats(*this, group) + SumFloats(*this, group);
   if (!TakesTerms(*this)) return floats;
-  return floats + LineFloats(*this) + kTerms * group * Pairs(*this) * kMaxPanel;
+  const int64_t results = TermLines(*this) * kTerms * group * Pairs(*this) * kMaxPanel;
+  return floats + LineFloats(*this) + kTerms * TermFloats(*this) + results;
 }
 
 HOLDFAST_KERNEL(PackWeights, (const ConvolutionMaps& maps), convolution::Pack, (maps))
-HOLDFAST_KERNEL(ConvolveRows, (const ConvolutionMaps& maps, float* scratch, int64_t begin, int64_t end),
+HOLDFAST_KERNEL(ConvolveParts, (const ConvolutionMaps& maps, float* scratch, int64_t begin, int64_t end),
                 convolution::ConvolveGroups, (maps, scratch, begin, end))
 
 }  // namespace holdfast

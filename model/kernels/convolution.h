@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plain loops behind convolution.cc: the convolution of float32 maps as products of matrices. A row of the result is
-// computed the same way whatever there is besides.
+// Plain loops behind convolution.cc: the convolution of float32 maps as products of matrices. A part of the result
+// is computed the same way whatever there is besides.
 #pragma once
 
 #include <cstdint>
@@ -25,16 +25,18 @@ struct ConvolutionMaps {
   float* partial = nullptr;
 
   int64_t rows() const { return images * out_height; }
+  // The work comes in parts: rows of the result, or pairs of rows of a map.
+  int64_t parts() const;
   int64_t packed_floats() const;
-  // Rows of the result that are computed together.
-  int64_t group_rows() const;
+  // Parts that are computed together.
+  int64_t group_parts() const;
   // Floats of scratch memory that one thread needs.
   int64_t scratch_floats() const;
 };
 
 // Fills 'packed', before anything else.
 void PackWeights(const ConvolutionMaps& maps);
-// Rows [begin, end) of the result.
-void ConvolveRows(const ConvolutionMaps& maps, float* scratch, int64_t begin, int64_t end);
+// Parts [begin, end).
+void ConvolveParts(const ConvolutionMaps& maps, float* scratch, int64_t begin, int64_t end);
 
 }  // namespace holdfast

@@ -110,9 +110,10 @@ HOLDFAST_INLINE void StoreSums(const Lanes<kWidth> (&sums)[kPixels][kVectors], c
   }
 }
 
-// A part of the weights behind a chunk's, so that the next chunk finds them in the second-level cache.
-HOLDFAST_INLINE void PrefetchPart(const float* weights, int64_t part) {
-  if (part * kPrefetchedLines * kLineFloats >= kChunkFloats) return;
+// A part of the weights behind a chunk's, so that the next chunk, which is as large, finds them in the second-level
+// cache.
+HOLDFAST_INLINE void PrefetchPart(const float* weights, int64_t part, int64_t floats) {
+  if (part * kPrefetchedLines * kLineFloats >= floats) return;
   for (int64_t i = 0; i < kPrefetchedLines; ++i) {
     __builtin_prefetch(weights + (part * kPrefetchedLines + i) * kLineFloats, 0, 2);
   }
@@ -151,10 +152,11 @@ template <int64_t kWidth, int64_t kPixels, int64_t kVectors>
 HOLDFAST_INLINE void RunChunk(const PanelWork<kWidth, kPixels, kVectors>& work, const Chunk& chunk, int64_t rows) {
   const int64_t line_inputs = work.m.kernel_width * work.m.channels;
   const int64_t done = (chunk.line + chunk.lines - 1) * line_inputs + chunk.first + chunk.count;
+  const int64_t floats = chunk.lines * chunk.count * kVectors * kWidth;
   int64_t tile = 0;
   for (int64_t row = 0; row < rows; ++row) {
     for (int64_t pixel = 0; pixel < work.m.out_width; pixel += kPixels) {
-      PrefetchPart(work.packed + (1 + done) * kVectors * kWidth, tile++);
+      PrefetchPart(work.packed + (1 + done) * kVectors * kWidth, tile++, floats);
       RunTile<kWidth, kPixels, kVectors>(work, chunk, row, pixel);
     }
   }

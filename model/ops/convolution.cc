@@ -94,9 +94,9 @@ MeasuredMap RunKernel(const MeasuredMap& x, const Layer& layer, bool measure) {
   if (x.moments.defined()) maps.moments = x.moments.data_ptr<float>();
   if (measure) maps.partial = partial.data_ptr<float>();
   PackWeights(maps);
-  at::parallel_for(0, maps.rows(), 1, [&](int64_t begin, int64_t end) {
+  at::parallel_for(0, maps.parts(), 1, [&](int64_t begin, int64_t end) {
     const std::unique_ptr<float[]> scratch(new float[static_cast<size_t>(maps.scratch_floats())]);
-    ConvolveRows(maps, scratch.get(), begin, end);
+    ConvolveParts(maps, scratch.get(), begin, end);
   });
   if (measure) out.moments = JoinMoments(maps, partial);
   return out;

@@ -81,35 +81,48 @@ TEST(KernelsTest, AttendToTheNeighboursOfAPatch) {
   ExpectNear(got, want, 2e-6);
 }
 
-TEST(KernelsTest, Convolve) {
-  ConvolutionMaps m;
-  m.images = 2, m.height = 10, m.width = 15, m.channels = 5;
-  m.out_height = 5, m.out_width = 8, m.out_channels = 26, m.kernel_height = 3, m.kernel_width = 3, m.stride = 2;
+// Of 3x3 and, without a line above and below, 1x3; pixel by pixel (5 channels) and by Winograd's terms.
+void ExpectConvolves(ConvolutionMaps m) {
+  const int64_t taps = m.kernel_height * m.kernel_width;
   const Floats x = Random(m.images * m.height * m.width * m.channels, 3);
-  const Floats weights = Random(m.out_channels * 9 * m.channels, 4), bias = Random(m.out_channels, 5);
+  const Floats weights = Random(m.out_channels * taps * m.channels, 4), bias = Random(m.out_channels, 5);
   Floats packed(static_cast<size_t>(m.packed_floats())), scratch(static_cast<size_t>(m.scratch_floats()), NAN);
   Floats got(static_cast<size_t>(m.rows() * m.out_width * m.out_channels));
   m.x = x.data(), m.weights = weights.data(), m.bias = bias.data(), m.packed = packed.data(), m.y = got.data();
   PackWeights(m);
-  ConvolveRows(m, scratch.data(), 0, m.rows());
+  ConvolveParts(m, scratch.data(), 0, m.parts());
   std::vector<double> want;
   for (int64_t pixel = 0; pixel < m.rows() * m.out_width; ++pixel) {
     const int64_t image = pixel / m.out_width / m.out_height;
-    const int64_t top = pixel / m.out_width % m.out_height * 2 - 1, left = pixel % m.out_width * 2 - 1;
+    const int64_t top = pixel / m.out_width % m.out_height * m.stride - m.kernel_height / 2;
+    const int64_t left = pixel % m.out_width * m.stride - 1;
     for (int64_t o = 0; o < m.out_channels; ++o) {
       double sum = At(bias, o);
-      for (int64_t k = 0; k < 9; ++k) {
+      for (int64_t k = 0; k < taps; ++k) {
         const int64_t v = top + k / 3, u = left + k % 3;
         if (v < 0 || v >= m.height || u < 0 || u >= m.width) continue;
         for (int64_t c = 0; c < m.channels; ++c) {
           sum += At(x, ((image * m.height + v) * m.width + u) * m.channels + c) *
-                 At(weights, (o * 9 + k) * m.channels + c);
+                 At(weights, (o * taps + k) * m.channels + c);
         }
       }
       want.push_back(sum);
     }
   }
   ExpectNear(got, want, 1e-5);
+}
+
+TEST(KernelsTest, Convolve) {
+  ConvolutionMaps m;
+  m.images = 2, m.height = 10, m.width = 15, m.channels = 5;
+  m.out_height = 5, m.out_width = 8, m.out_channels = 26, m.kernel_height = 3, m.kernel_width = 3, m.stride = 2;
+  ExpectConvolves(m);
+  m.height = m.out_height = 7, m.width = m.out_width = 9, m.stride = 1;
+  ExpectConvolves(m);
+  m.channels = 33;
+  ExpectConvolves(m);
+  m.kernel_height = 1;
+  ExpectConvolves(m);
 }
 
 TEST(KernelsTest, CorrelateAroundAPosition) {
