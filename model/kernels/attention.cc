@@ -126,7 +126,7 @@ HOLDFAST_INLINE int64_t TokenAt(const AttentionMaps<T>& m, const Head& head, con
 template <int64_t kWidth, typename From, typename To>
 HOLDFAST_INLINE void Scale(const From* from, int64_t count, float scale, To* to) {
   int64_t i = 0;
-  for (; i + kWidth <= count; i += kWidth) StoreRounded(scale * Load<kWidth>(from + i), to + i);
+  for (; i + kWidth <= count; i += kWidth) Store(scale * Load<kWidth>(from + i), to + i);
   for (; i < count; ++i) Assign(scale * ToFloat(from[i]), to + i);
 }
 

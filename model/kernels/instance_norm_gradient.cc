@@ -33,7 +33,7 @@ HOLDFAST_INLINE void SumLanes(const GradientColumns<T>& at, int64_t i, int64_t c
   Lanes<kWidth> grad = Load<kWidth>(at.grad_y + i);
   if (kTail == NormTail::kReluAddRelu) {
     grad = Load<kWidth>(at.y + i) > 0 ? grad : Lanes<kWidth>{};
-    StoreExact(grad, at.grad_identity + i);
+    Store(grad, at.grad_identity + i);
   }
   const Lanes<kWidth> normed = (Load<kWidth>(at.x + i) - Load<kWidth>(at.mean + c)) * Load<kWidth>(at.rstd + c);
   if (kTail != NormTail::kNone) grad = normed > 0 ? grad : Lanes<kWidth>{};

@@ -99,31 +99,15 @@ template <typename V>
 HOLDFAST_INLINE void Store(V value, float* to) {
   std::memcpy(to, &value, sizeof(value));
 }
-// As Assign rounds.
+// Rounds as Assign does.
 template <typename V>
-HOLDFAST_INLINE void StoreRounded(V value, float* to) {
-  Store(value, to);
-}
-template <typename V>
-HOLDFAST_INLINE void StoreRounded(V value, Bf16* to) {
+HOLDFAST_INLINE void Store(V value, Bf16* to) {
   using Types = VectorTypes<kLanesOf<V>>;
   using Words = typename Types::Words;
   const Words bits = reinterpret_cast<Words>(value);
   const Words rounded = (bits + 0x7fffu + ((bits >> 16) & 1u)) >> 16;
   const Words kept = value == value ? rounded : (Words{} + 0x7fc0u);
   const auto halves = __builtin_convertvector(kept, typename Types::Halves);
-  std::memcpy(to, &halves, sizeof(halves));
-}
-// Cuts off the lower halves: for values that are bfloat16 already.
-template <typename V>
-HOLDFAST_INLINE void StoreExact(V value, float* to) {
-  Store(value, to);
-}
-template <typename V>
-HOLDFAST_INLINE void StoreExact(V value, Bf16* to) {
-  using Types = VectorTypes<kLanesOf<V>>;
-  const auto halves =
-      __builtin_convertvector(reinterpret_cast<typename Types::Words>(value) >> 16, typename Types::Halves);
   std::memcpy(to, &halves, sizeof(halves));
 }
 

@@ -46,7 +46,7 @@ HOLDFAST_INLINE void NormAll(const NormedTokens<T>& tokens, int64_t begin, int64
     int64_t c = 0;
     for (; c + kWidth <= channels; c += kWidth) {
       const Lanes<kWidth> normed = (Load<kWidth>(x + c) - moments.mean) * scale;
-      StoreRounded(normed * Load<kWidth>(tokens.weight + c) + Load<kWidth>(tokens.bias + c), y + c);
+      Store(normed * Load<kWidth>(tokens.weight + c) + Load<kWidth>(tokens.bias + c), y + c);
     }
     for (; c < channels; ++c) {
       Assign((ToFloat(x[c]) - moments.mean) * scale * tokens.weight[c] + tokens.bias[c], y + c);
@@ -71,7 +71,7 @@ HOLDFAST_INLINE V Gelu(V x) {
 template <int64_t kWidth, typename T>
 HOLDFAST_INLINE void GeluAll(T* x, int64_t begin, int64_t end) {
   int64_t i = begin;
-  for (; i + kWidth <= end; i += kWidth) StoreRounded(Gelu(Load<kWidth>(x + i)), x + i);
+  for (; i + kWidth <= end; i += kWidth) Store(Gelu(Load<kWidth>(x + i)), x + i);
   if (i == end) return;
   const Lanes<kWidth> last = Gelu(LoadTail<kWidth>(x + i, end - i));
   for (int64_t j = 0; i + j < end; ++j) Assign(last[j], x + i + j);
