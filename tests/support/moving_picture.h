@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -14,41 +15,62 @@ namespace holdfast {
 
 inline constexpr ImageSize kPicture{128, 96}, kWidePicture{160, 120};
 
-// Brightness of an endless texture at (x, y): a sum of waves, so that it is defined between pixels too. 'seed' tells
-// textures apart.
-inline float TextureAt(float x, float y, uint32_t seed = 1) {
-  float sum = 0;
-  for (uint32_t wave = 0; wave < 12; ++wave) {
-    const uint32_t hash = (seed * 12 + wave + 1) * 2654435761u;
+// An endless texture is a sum of waves, so that it is defined between pixels too; seeds tell textures apart.
+struct TextureWave {
+  float along_x, along_y;  // radians a pixel
+  float phase;
+};
+
+inline std::array<TextureWave, 12> TextureWaves(uint32_t seed) {
+  std::array<TextureWave, 12> waves;
+  for (uint32_t i = 0; i < waves.size(); ++i) {
+    const uint32_t hash = (seed * 12 + i + 1) * 2654435761u;
     const float angle = static_cast<float>(hash % 6283) / 1000.0f;
     const float period = 8.0f + static_cast<float>((hash >> 13) % 160) / 10.0f;  // 8 .. 24 pixels
-    const float phase = static_cast<float>((hash >> 21) % 628) / 100.0f;
-    sum += std::sin((x * std::cos(angle) + y * std::sin(angle)) * 6.2831853f / period + phase);
+    const float turn = 6.2831853f / period;
+    waves[i] = {std::cos(angle) * turn, std::sin(angle) * turn, static_cast<float>((hash >> 21) % 628) / 100.0f};
   }
-  return std::clamp(128.0f + 22.0f * sum, 0.0f, 255.0f);
+  return waves;
 }
 
-// What stands at (x, y) of the texture stands at (x + dx, y + dy) of the picture.
-inline GrayImage ShiftedTexture(ImageSize size, float dx, float dy, uint32_t seed = 1) {
-  GrayImage image{size, std::vector<uint8_t>(static_cast<size_t>(size.width) * size.height)};
-  for (int y = 0; y < size.height; ++y) {
-    for (int x = 0; x < size.width; ++x) {
-      const float value = TextureAt(static_cast<float>(x) - dx, static_cast<float>(y) - dy, seed);
-      image.pixels[static_cast<size_t>(y) * size.width + x] = static_cast<uint8_t>(std::lround(value));
+// Lays the texture 'seed' over the columns first .. end - 1: what stands at (x, y) of it stands at (x + dx, y + dy) of
+// the picture.
+inline void LayTexture(GrayImage& image, int first, int end, float dx, float dy, uint32_t seed) {
+  const auto waves = TextureWaves(seed);
+  first = std::max(first, 0);
+  end = std::min(end, image.size.width);
+  if (first >= end) return;
+  const auto columns = static_cast<size_t>(end - first);
+  // sin(a + b) of a column's part and a row's part: tests make thousands of pictures.
+  std::vector<float> sines(waves.size() * columns), cosines(sines.size());
+  for (size_t i = 0; i < sines.size(); ++i) {
+    const float at = static_cast<float>(first) + static_cast<float>(i % columns) - dx;
+    sines[i] = std::sin(at * waves[i / columns].along_x);
+    cosines[i] = std::cos(at * waves[i / columns].along_x);
+  }
+  for (int y = 0; y < image.size.height; ++y) {
+    std::vector<float> sums(columns, 0.0f);
+    for (size_t wave = 0; wave < waves.size(); ++wave) {
+      const float at = (static_cast<float>(y) - dy) * waves[wave].along_y + waves[wave].phase;
+      const float sine = std::sin(at), cosine = std::cos(at);
+      const float *column_sine = &sines[wave * columns], *column_cosine = &cosines[wave * columns];
+      for (size_t x = 0; x < columns; ++x) sums[x] += column_sine[x] * cosine + column_cosine[x] * sine;
+    }
+    uint8_t* row = &image.pixels[static_cast<size_t>(y) * image.size.width + static_cast<size_t>(first)];
+    for (size_t x = 0; x < columns; ++x) {
+      row[x] = static_cast<uint8_t>(std::lround(std::clamp(128.0f + 22.0f * sums[x], 0.0f, 255.0f)));
     }
   }
+}
+
+inline GrayImage ShiftedTexture(ImageSize size, float dx, float dy, uint32_t seed = 1) {
+  GrayImage image{size, std::vector<uint8_t>(static_cast<size_t>(size.width) * size.height)};
+  LayTexture(image, 0, size.width, dx, dy, seed);
   return image;
 }
 
-// Lays the texture 'seed' over the columns first .. end - 1: what was there is hidden.
-inline void Cover(GrayImage& image, int first, int end, uint32_t seed) {
-  for (int y = 0; y < image.size.height; ++y) {
-    for (int x = std::max(first, 0); x < std::min(end, image.size.width); ++x) {
-      const float value = TextureAt(static_cast<float>(x), static_cast<float>(y), seed);
-      image.pixels[static_cast<size_t>(y) * image.size.width + x] = static_cast<uint8_t>(std::lround(value));
-    }
-  }
-}
+// What was in the columns first .. end - 1 is hidden.
+inline void Cover(GrayImage& image, int first, int end, uint32_t seed) { LayTexture(image, first, end, 0, 0, seed); }
 
 inline std::string BytesOf(const GrayImage& image) { return {image.pixels.begin(), image.pixels.end()}; }
 
