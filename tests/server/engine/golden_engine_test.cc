@@ -77,7 +77,7 @@ torch::Tensor RunWeights(const TensorMap& golden, Precision precision) {
   EngineOptions options = Exact({160, 128});
   options.weights_path = InSourceTree("tests/data/interim.safetensors");
   options.precision = precision;
-  SimulatedClock clock;
+  SystemClock clock;
   NullEngineMetrics metrics;
   auto engine = Engine::Create(options, clock, metrics);
   EXPECT_THAT(engine, IsOk());

@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "api/clock.h"
 #include "server/engine/engine_with_model.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/torch_tracker_model.h"
@@ -22,7 +23,8 @@ namespace holdfast {
 inline std::unique_ptr<Engine> EngineOf(PointModel model, const EngineOptions& options) {
   static SimulatedClock clock;  // stands still
   static NullEngineMetrics metrics;
-  auto network = MakeTorchTrackerModel({std::move(model), "test", "00"}, options, clock, metrics);
+  // By a clock that stands still a large network never takes long enough to be warmed up by two runs.
+  auto network = MakeTorchTrackerModel({std::move(model), "test", "00"}, options, SystemClock(), metrics);
   EXPECT_THAT(network, IsOk());
   auto engine = CreateEngineWithModel(options, *std::move(network), clock, metrics);
   EXPECT_THAT(engine, IsOk());

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "api/clock.h"
 #include "model/checkpoint/metadata.h"
 #include "server/engine/local_tracker.h"
 #include "server/engine/torch_tracker_model.h"
@@ -106,7 +107,7 @@ TEST(TorchEngineTest, TracksAreTheSameToTheBitWhateverTheThreadsAndTheBatches) {
 
 // Of the rows of a session with these options, their mean.
 double IterationsOf(const EngineOptions& options) {
-  SimulatedClock clock;
+  SystemClock clock;
   RecordingMetrics metrics;
   auto model = MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, clock, metrics);
   EXPECT_THAT(model, IsOk());
@@ -185,7 +186,7 @@ TEST(TorchEngineTest, AResumedSessionIsTheSameToTheBit) {
 }
 
 TEST(TorchTrackerModelTest, KnowsTheBytesOfAFrameBeforehandAndFreesThemOneByOne) {
-  const SimulatedClock clock;
+  const SystemClock clock;
   NullEngineMetrics metrics;
   for (const Precision precision : {Precision::kFloat32, Precision::kBFloat16}) {
     EngineOptions options = Exact({64, 64});
@@ -216,7 +217,7 @@ TEST(TorchTrackerModelTest, TracksAtTheSmallestSize) {
   setenv("ONEDNN_MAX_CPU_ISA", instruction_set, 1);
   EngineOptions options = Exact({64, 64});
   options.precision = Precision::kAuto;
-  const SimulatedClock clock;
+  const SystemClock clock;
   NullEngineMetrics metrics;
   const auto model = MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, clock, metrics);
   std::_Exit(model.ok() && (*model)->info().precision == "float32" ? 10 : 11);
@@ -241,14 +242,14 @@ TEST(TorchTrackerModelTest, KnowsWhatTheNetworkCosts) {
 TEST(TorchTrackerModelTest, RefusesADeviceThatIsNotThere) {
   EngineOptions options = Exact({64, 64});
   options.device = "abacus";
-  const SimulatedClock clock;
+  const SystemClock clock;
   NullEngineMetrics metrics;
   EXPECT_THAT(MakeTorchTrackerModel({RandomModel(), "test", "00"}, options, clock, metrics),
               StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
 TEST(TorchTrackerModelTest, HasTheCalibrationOfItsCheckpoint) {
-  const SimulatedClock clock;
+  const SystemClock clock;
   NullEngineMetrics metrics;
   LoadedModel calibrated{RandomModel(), "test", "00", {{Calibration::kMetadataKey, "as it was"}, {"note", "x"}}};
   EXPECT_EQ((*MakeTorchTrackerModel(std::move(calibrated), Exact({64, 64}), clock, metrics))->info().calibration,
