@@ -38,10 +38,11 @@ class OpenMpWaitTest(unittest.TestCase):
         self.assertRegex(done.stdout, r"^holdfast-server \d+\.\d+\.\d+\n$")
 
     def test_a_choice_of_the_user_wins_and_nothing_is_started_again(self):
-        for variables, expected in (({"GOMP_SPINCOUNT": "77"}, "77"), ({"GOMP_SPINCOUNT": "0"}, "0"),
-                                    ({"OMP_WAIT_POLICY": "active"}, "30000000000"),
-                                    ({"OMP_WAIT_POLICY": "passive"}, "0")):
-            for program in self.programs:
+        choices = [({"GOMP_SPINCOUNT": "77"}, "77"), ({"GOMP_SPINCOUNT": "0"}, "0"),
+                   ({"OMP_WAIT_POLICY": "active"}, "30000000000"), ({"OMP_WAIT_POLICY": "passive"}, "0")]
+        # What the first program does with all of them, the others do with one.
+        for program, some in [(self.programs[0], choices), *((program, choices[:1]) for program in self.programs[1:])]:
+            for variables, expected in some:
                 with self.subTest(program, **variables):
                     self.assertEqual(self.policies(program, "--help", **variables)[0], [expected])
 
@@ -56,5 +57,6 @@ class OpenMpWaitTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    os.environ.pop("GOMP_SPINCOUNT", None)  # which presets set, so that other tests do without the second start
     OpenMpWaitTest.programs = sys.argv[1:]
     unittest.main(argv=sys.argv[:1], verbosity=2)
