@@ -25,7 +25,7 @@ deps: ## install the Debian packages of deploy/packages/build.txt (LISTS=build) 
 	  DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get -o DPkg::Lock::Timeout=300 install -y -qq --no-install-recommends $$missing > /dev/null; \
 	fi
 
-tools: ## unpack into build/tools what the tests of deploy/ run, from the packages of deploy/packages/tools.txt
+tools: ## unpack into build/tools what tests alone run, from the packages of deploy/packages/tools.txt
 	@deploy/packages/unpack.sh build/tools
 
 configure: deps
