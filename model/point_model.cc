@@ -4,27 +4,32 @@
 #include <torch/nn/modules/normalization.h>
 #include <torch/types.h>
 
+#include "model/contextual_attention.h"
+#include "model/encoder.h"
 #include "model/ops/correlation.h"
 #include "model/ops/feature_views.h"
 #include "model/ops/sampling.h"
 #include "model/ops/shape_check.h"
 #include "model/refinement.h"
+#include "model/update_block.h"
 
 namespace holdfast {
 
 PointModelImpl::PointModelImpl(const ModelOptions& options) : options_(options) {
-  fnet_ = register_module("fnet", Encoder(options));
-  if (options.context_blocks > 0) context_ = register_module("context", ContextualAttention(options));
-  delta_block_ = register_module("delta_block", UpdateBlock(options));
-  norm_ = register_module("norm", torch::nn::GroupNorm(torch::nn::GroupNormOptions(1, options.feature_channels)));
+  fnet_ = register_module("fnet", std::make_shared<EncoderImpl>(options));
+  if (options.context_blocks > 0) {
+    context_ = register_module("context", std::make_shared<ContextualAttentionImpl>(options));
+  }
+  delta_block_ = register_module("delta_block", std::make_shared<UpdateBlockImpl>(options));
+  const torch::nn::GroupNormOptions norm(1, options.feature_channels);
+  norm_weight_ = register_module("norm", torch::nn::GroupNorm(norm))->weight;
 }
 
 torch::Tensor PointModelImpl::EncodeBatch(const torch::Tensor& frames) {
-  const torch::Tensor& weight = norm_->weight;
-  torch::Tensor pictures = frames.to(weight.device()).permute({0, 3, 1, 2}).to(torch::kFloat32);
+  torch::Tensor pictures = frames.to(norm_weight_.device()).permute({0, 3, 1, 2}).to(torch::kFloat32);
   pictures.div_(255.0).mul_(2.0).sub_(1.0);
-  const torch::Tensor map = fnet_->forward(pictures.to(weight.scalar_type()));
-  return context_.is_empty() ? map : context_->forward(map);
+  const torch::Tensor map = fnet_->forward(pictures.to(norm_weight_.scalar_type()));
+  return context_ == nullptr ? map : context_->forward(map);
 }
 
 torch::Tensor PointModelImpl::Encode(const torch::Tensor& frames) {
@@ -32,7 +37,7 @@ torch::Tensor PointModelImpl::Encode(const torch::Tensor& frames) {
   TORCH_CHECK(frames.size(0) > 0 && frames.size(1) >= options_.stride && frames.size(1) % options_.stride == 0 &&
                   frames.size(2) >= options_.stride && frames.size(2) % options_.stride == 0,
               "frames: sides must be multiples of ", options_.stride, ", got ", frames.sizes());
-  if (torch::GradMode::is_enabled() || !norm_->weight.device().is_cpu()) return EncodeBatch(frames);
+  if (torch::GradMode::is_enabled() || !norm_weight_.device().is_cpu()) return EncodeBatch(frames);
   // One by one on the CPU: the same numbers whatever the batch, memory for one, and better use of the caches.
   std::vector<torch::Tensor> maps;
   for (int64_t f = 0; f < frames.size(0); ++f) maps.push_back(EncodeBatch(frames.narrow(0, f, 1)));
@@ -46,7 +51,7 @@ std::vector<WindowEstimate> PointModelImpl::Refine(const std::vector<WindowRows>
   TORCH_CHECK(!options.keep_templates || options.least_step <= 0, "least_step is ", options.least_step,
               ", must be 0 where templates are kept");
   if (groups.empty()) return {};
-  Refinement refinement(groups, options_, norm_->weight.device());
+  Refinement refinement(groups, options_, norm_weight_.device());
   for (int64_t k = 0; k < options.iterations; ++k) {
     if (k > 0 && !refinement.Settle(options.least_step)) break;
     refinement.Advance(delta_block_->forward(refinement.Correlations(), refinement.positions()));

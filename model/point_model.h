@@ -4,18 +4,21 @@
 #pragma once
 
 #include <torch/nn/module.h>
-#include <torch/nn/modules/normalization.h>
+#include <torch/nn/pimpl.h>
 #include <torch/types.h>
 
+#include <memory>
 #include <vector>
 
-#include "model/contextual_attention.h"
-#include "model/encoder.h"
 #include "model/ops/feature_pyramid.h"
 #include "model/options.h"
-#include "model/update_block.h"
 
 namespace holdfast {
+
+// Only declared: LibTorch's layers take longer to compile than all that uses this header.
+class ContextualAttentionImpl;
+class EncoderImpl;
+class UpdateBlockImpl;
 
 // Rows that share one window: N points on the same S frames. Positions are feature pixels (image pixels / stride).
 struct WindowRows {
@@ -77,10 +80,10 @@ class PointModelImpl : public torch::nn::Module {
   torch::Tensor EncodeBatch(const torch::Tensor& frames);
 
   ModelOptions options_;
-  Encoder fnet_{nullptr};
-  ContextualAttention context_{nullptr};  // null when options.context_blocks == 0
-  UpdateBlock delta_block_{nullptr};
-  torch::nn::GroupNorm norm_{nullptr};  // in the published checkpoint, never applied
+  std::shared_ptr<EncoderImpl> fnet_;
+  std::shared_ptr<ContextualAttentionImpl> context_;  // null when options.context_blocks == 0
+  std::shared_ptr<UpdateBlockImpl> delta_block_;
+  torch::Tensor norm_weight_;  // of a norm in the published checkpoint that is never applied
 };
 TORCH_MODULE(PointModel);
 

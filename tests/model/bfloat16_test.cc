@@ -67,7 +67,7 @@ Operator Conv(const std::string& name, int64_t in, int64_t out, int64_t kernel, 
 }
 
 // x [N, C, 1, S]: the update block's convolutions along the frames.
-Operator TemporalConv() {
+Operator ConvolutionOverTime() {
   return {"conv1d of 3 as 1x3",
           {},
           [](int64_t height, int64_t width) {
@@ -108,7 +108,7 @@ std::vector<Operator> Operators() {
       Conv("conv 3x3 stride 2", 24, 32, 3, 2),
       Conv("conv 1x1 stride 2", 24, 32, 1, 2),
       Conv("conv 1x1", 48, 24, 1, 1),
-      TemporalConv(),
+      ConvolutionOverTime(),
       Elementwise("relu", {"aten::relu", "aten::clamp_min", "aten::threshold_backward"},
                   [](const Tensors& in) { return torch::relu(in[0]) + 0 * in[1]; }),
       Elementwise("gelu", {"aten::gelu", "aten::gelu_backward"},

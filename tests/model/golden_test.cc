@@ -3,11 +3,13 @@
 #include <gtest/gtest.h>
 
 #include "model/checkpoint/checkpoint.h"
+#include "model/contextual_attention.h"
 #include "model/ops/correlation.h"
 #include "model/ops/feature_views.h"
 #include "model/ops/sampling.h"
 #include "model/point_model.h"
 #include "model/refinement.h"
+#include "model/update_block.h"
 #include "tests/support/golden.h"
 #include "tests/support/source_tree.h"
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "model/ops/sampling.h"
+#include "model/update_block.h"
 #include "tests/support/golden.h"
 #include "tests/support/networks.h"
 
