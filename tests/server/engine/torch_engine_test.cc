@@ -20,7 +20,6 @@
 #include "tests/support/memory_sealer.h"
 #include "tests/support/networks.h"
 #include "tests/support/recorders.h"
-#include "tests/support/simulated_clock.h"
 #include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
