@@ -95,6 +95,9 @@ struct SessionConfig {
   // 0: at the pace that there is time for.
   double frames_per_second = 0;
   int expected_points = 0;  // that will be tracked at once, where that is more than 'points'
+  // The session gets the least hop of hop_frames .. max_hop_frames at which there is work left for it when it begins,
+  // at frames_per_second, and keeps it. A default hop above max_hop_frames counts as that. 0: hop_frames alone.
+  int max_hop_frames = 0;
   // The session may hold so many points, where that is less than the engine's limit; 0: that limit. Not of the wire:
   // whoever lets the session in says so.
   int max_points = 0;

@@ -175,7 +175,8 @@ v1::TrackRequest ResumingStream::ConfigMessage() const {
 
 void ResumingStream::TakeOptions(const SessionAccepted& accepted) {
   if (config_.processing_size.empty()) config_.processing_size = accepted.processing_size;
-  if (config_.hop_frames == 0) config_.hop_frames = accepted.hop_frames;
+  config_.hop_frames = accepted.hop_frames;
+  config_.max_hop_frames = 0;
   if (config_.iterations == 0) config_.iterations = accepted.iterations;
   if (!config_.motion_prior) config_.motion_prior = accepted.motion_prior;
   if (!config_.polish) config_.polish = accepted.polish;

@@ -129,6 +129,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   out.set_resume_token(config.resume_token);
   out.set_frames_per_second(static_cast<float>(config.frames_per_second));
   out.set_expected_points(config.expected_points);
+  out.set_max_hop_frames(config.max_hop_frames);
   internal::ObjectsToProto(config.objects, out.mutable_objects());
   return out;
 }
@@ -154,6 +155,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   out.resume_token = config.resume_token();
   out.frames_per_second = config.frames_per_second();
   out.expected_points = CountFromProto(config.expected_points(), "config.expected_points", violations);
+  out.max_hop_frames = CountFromProto(config.max_hop_frames(), "config.max_hop_frames", violations);
   out.objects = internal::ObjectsFromProto(config.objects(), "config.objects", violations);
   if (!violations.empty()) return violations.ToStatus();
   return out;

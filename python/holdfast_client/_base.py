@@ -151,19 +151,22 @@ class BaseClient(Generic[SessionType]):
         """Before there are channels."""
 
     def session(self, points: Points = (), *, objects: Objects | None = None, object_points: int = 0,
-                reseed: bool = True, size: tuple[int, int] | None = None, hop: int = 0, iterations: int = 0,
-                every_frame: bool = False, final_only: bool = False, encoding: str = "auto", label: str = "",
-                frames_per_second: float = 0.0) -> SessionType:
+                reseed: bool = True, size: tuple[int, int] | None = None, hop: int | tuple[int, int] = 0,
+                iterations: int = 0, every_frame: bool = False, final_only: bool = False, encoding: str = "auto",
+                label: str = "", frames_per_second: float = 0.0) -> SessionType:
         """A live session; `points` are queried at its first frame, and so are `objects`: masks (bool or uint8 [H, W],
         or PNG bytes) or polygons ([N, 2]) by id, on each of which the server places `object_points` points (0: 64);
         `reseed`: those that have left their object are placed anew while it is in sight.
 
-        `size`: of processing, (width, height); `hop`, `iterations`: 0 leaves them to the server; `every_frame`: an
-        estimate at once for each frame; `final_only`: no estimates that may still be revised; `encoding`: of arrays,
-        'auto' (JPEG where OpenCV or Pillow is), 'jpeg', 'raw'; `label`: for the server's logs; `frames_per_second`: the
-        pace that the server has to promise, 0 for none.
+        `size`: of processing, (width, height); `hop`, `iterations`: 0 leaves them to the server; `hop=(least, most)`:
+        the least one at which the server would take the session when it begins; `every_frame`: an estimate at once for
+        each frame; `final_only`: no estimates that may still be revised; `encoding`: of arrays, 'auto' (JPEG where
+        OpenCV or Pillow is), 'jpeg', 'raw'; `label`: for the server's logs; `frames_per_second`: the pace that the
+        server has to promise, 0 for none.
         """
-        config = pb.SessionConfig(points=to_points(points), hop_frames=_whole("hop", hop), label=label,
+        least_hop, most_hop = hop if isinstance(hop, tuple) else (hop, 0)
+        config = pb.SessionConfig(points=to_points(points), hop_frames=_whole("hop", least_hop),
+                                  max_hop_frames=_whole("hop", most_hop), label=label,
                                   iterations=_whole("iterations", iterations), final_only=final_only,
                                   frames_per_second=frames_per_second,
                                   emit=pb.EMIT_EVERY_FRAME if every_frame else pb.EMIT_WINDOWS)

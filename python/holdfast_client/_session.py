@@ -128,6 +128,7 @@ class SessionState:
         config = self.config
         config.processing_size.CopyFrom(accepted.processing_size)
         config.hop_frames, config.iterations = accepted.hop_frames, accepted.iterations
+        config.max_hop_frames = 0
         config.motion_prior, config.polish = accepted.motion_prior, accepted.polish
         self.keeps = self.keeps and accepted.replay_frames > 0
 

@@ -18,14 +18,20 @@ double WorkOf(const Admission::Demand& demand, int64_t points) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Admission::Ticket>> Admission::Admit(const Demand& demand) {
+absl::StatusOr<std::unique_ptr<Admission::Ticket>> Admission::Admit(absl::Span<const Demand> demands) {
   absl::MutexLock lock(&mutex_);
-  if (absl::Status status = Check(demand); !status.ok()) return status;
+  if (absl::Status status = CheckPlacesLocked(); !status.ok()) return status;
+  const double budget = meter_.Budget();
+  size_t choice = 0;
+  while (choice < demands.size() && !WorkFits(demands[choice], budget)) ++choice;
+  if (choice == demands.size()) return RefuseWork(demands, budget);
+  const Demand& chosen = demands[choice];
+  if (chosen.bytes > limits_.max_bytes - bytes_) return RefuseMemory(demands);
   ++load_.sessions;
-  bytes_ += demand.bytes;
-  load_.work += WorkOf(demand, 0);
+  bytes_ += chosen.bytes;
+  load_.work += WorkOf(chosen, 0);
   metrics_.WorkPromised(load_.work);
-  return std::make_unique<Ticket>(*this, demand);
+  return std::make_unique<Ticket>(*this, chosen, choice);
 }
 
 absl::Status Admission::CheckPlaces() {
@@ -39,27 +45,26 @@ absl::Status Admission::CheckPlacesLocked() {
   return OverloadError("sessions", absl::StrFormat("all %d are in use", limits_.max_sessions), kRetryAfter);
 }
 
-absl::Status Admission::Check(const Demand& demand) {
-  if (absl::Status status = CheckPlacesLocked(); !status.ok()) return status;
-  if (demand.bytes > limits_.max_bytes - bytes_) {
-    metrics_.AdmissionRejected(RejectReason::kMemory);
-    const bool never = demand.bytes > limits_.max_bytes;
-    return OverloadError("feature memory", never ? "the session needs more than there is" : "in use by other sessions",
-                         never ? absl::ZeroDuration() : kRetryAfter);
-  }
-  return CheckWork(demand);
+bool Admission::WorkFits(const Demand& demand, double budget) const {
+  // Who would be served at any pace has nobody to slow down.
+  if (load_.sessions == 0 && !demand.insists) return true;
+  return load_.work + WorkOf(demand, 0) <= budget;
 }
 
-absl::Status Admission::CheckWork(const Demand& demand) {
-  // Who would be served at any pace has nobody to slow down.
-  if (load_.sessions == 0 && !demand.insists) return absl::OkStatus();
-  const double wanted = WorkOf(demand, 0), budget = meter_.Budget();
-  if (load_.work + wanted <= budget) return absl::OkStatus();
+absl::Status Admission::RefuseWork(absl::Span<const Demand> demands, double budget) {
   metrics_.AdmissionRejected(RejectReason::kWork);
+  const double least = WorkOf(demands.back(), 0);
   return OverloadError(
       "point-frames per second",
-      absl::StrFormat("the session needs %.0f, and %.0f of %.0f are promised to others", wanted, load_.work, budget),
-      wanted > std::max(budget, meter_.QuietBudget()) ? absl::ZeroDuration() : kRetryAfter);
+      absl::StrFormat("the session needs %.0f, and %.0f of %.0f are promised to others", least, load_.work, budget),
+      least > std::max(budget, meter_.QuietBudget()) ? absl::ZeroDuration() : kRetryAfter);
+}
+
+absl::Status Admission::RefuseMemory(absl::Span<const Demand> demands) {
+  metrics_.AdmissionRejected(RejectReason::kMemory);
+  const bool never = demands.front().bytes > limits_.max_bytes;
+  return OverloadError("feature memory", never ? "the session needs more than there is" : "in use by other sessions",
+                       never ? absl::ZeroDuration() : kRetryAfter);
 }
 
 Admission::Load Admission::load() const {

@@ -7,6 +7,7 @@
 #include <optional>
 #include <random>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "server/engine/admission.h"
@@ -155,14 +156,13 @@ class EngineImpl final : public Engine {
     if (!accepted.ok()) return accepted.status();
     accepted->session_id = NewSessionId();
     if (state) accepted->first_frame = state->next_frame;
-    Session::Options options = MakeOptions(config, *accepted);
-    if (absl::Status status = Prepare(state, options); !status.ok()) return status;
-    auto ticket = admission_.Admit(DemandOf(config, options));
-    if (!ticket.ok()) return ticket.status();
+    auto place = FindPlace(config, *accepted, state);
+    if (!place.ok()) return place.status();
     const auto jobs = std::make_shared<JobDoor>(pool_.NewQueue());
     const Session::Threads threads{[jobs](std::function<void()> job) { jobs->Submit(std::move(job)); },
                                    [this] { scheduler_.Notify(); }};
-    auto session = std::make_shared<Session>(options, listener, clock_, metrics_, threads, *std::move(ticket));
+    auto session =
+        std::make_shared<Session>(place->options, listener, clock_, metrics_, threads, std::move(place->ticket));
     if (state) {
       session->Resume(*std::move(state));
     } else {
@@ -173,6 +173,27 @@ class EngineImpl final : public Engine {
     metrics_.SessionOpened();
     scheduler_.Add(session);
     return std::make_unique<SessionHandle>(std::move(session), jobs, scheduler_);
+  }
+
+  struct Place {
+    Session::Options options;
+    std::unique_ptr<Admission::Ticket> ticket;
+  };
+  // 'accepted': with the least hop of the session's bounds. The place has the least one that there is time for.
+  absl::StatusOr<Place> FindPlace(const SessionConfig& config, const SessionAccepted& accepted,
+                                  const std::optional<SessionState>& state) {
+    std::vector<Session::Options> choices;
+    std::vector<Admission::Demand> demands;
+    const int most = std::max(accepted.hop_frames, config.max_hop_frames);
+    for (int hop = accepted.hop_frames; hop <= most; ++hop) {
+      choices.push_back(MakeOptions(config, WithHop(accepted, config, hop)));
+      if (absl::Status status = Prepare(state, choices.back()); !status.ok()) return status;
+      demands.push_back(DemandOf(config, choices.back()));
+    }
+    auto ticket = admission_.Admit(demands);
+    if (!ticket.ok()) return ticket.status();
+    const size_t choice = (*ticket)->choice();
+    return Place{std::move(choices[choice]), *std::move(ticket)};
   }
 
   Admission::Demand DemandOf(const SessionConfig& config, const Session::Options& options) const {

@@ -31,6 +31,13 @@ absl::Status CheckCount(absl::string_view name, int wanted, int token) {
   return wanted == 0 || wanted == token ? absl::OkStatus() : Mismatch(name, absl::StrCat(token), absl::StrCat(wanted));
 }
 
+// A session keeps the hop that it began with, where its bounds allow that.
+absl::Status CheckHop(const SessionConfig& config, int token) {
+  if (config.max_hop_frames == 0) return CheckCount("hop_frames", config.hop_frames, token);
+  if (token >= config.hop_frames && token <= config.max_hop_frames) return absl::OkStatus();
+  return Mismatch("hop_frames", absl::StrCat(token), absl::StrCat(config.hop_frames, " .. ", config.max_hop_frames));
+}
+
 absl::Status CheckSizes(const SessionConfig& config, const SessionState& state) {
   if (!config.processing_size.empty() && config.processing_size != state.processing_size) {
     return Mismatch("processing_size", ToString(state.processing_size), ToString(config.processing_size));
@@ -84,7 +91,7 @@ absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const S
     return Mismatch("weights", state.weights_sha256.substr(0, 12), model.weights_sha256.substr(0, 12));
   }
   absl::Status status = CheckSizes(config, state);
-  status.Update(CheckCount("hop_frames", config.hop_frames, state.hop_frames));
+  status.Update(CheckHop(config, state.hop_frames));
   status.Update(CheckCount("iterations", config.iterations, state.iterations));
   status.Update(CheckSwitch("motion_prior", config.motion_prior, state.motion_prior));
   status.Update(CheckSwitch("polish", config.polish, state.polish));
@@ -93,6 +100,7 @@ absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const S
   SessionConfig resumed = config;
   resumed.processing_size = state.processing_size;
   resumed.hop_frames = state.hop_frames;
+  resumed.max_hop_frames = 0;
   resumed.iterations = state.iterations;
   resumed.motion_prior = state.motion_prior;
   resumed.polish = state.polish;

@@ -195,11 +195,16 @@ TEST(ResumingStreamTest, PointsAreSaidAgainWhereTheyWereSaid) {
 TEST(ResumingStreamTest, OptionsThatWereLeftOpenStayThoseOfTheFirstServer) {
   ScriptedService server(CutAfter({3}));
   Observer observer;
-  auto stream = Open(At({server.address()}), observer);
+  SessionConfig config;
+  config.points = {{1, 0, 0}};
+  config.max_hop_frames = 16;
+  auto stream = Open(At({server.address()}), observer, config);
   ASSERT_NE(stream, nullptr);
   EXPECT_THAT(PushAndFinish(*stream, 6), IsOk());
   EXPECT_EQ(server.configs()[0].hop_frames(), 0u);
+  EXPECT_EQ(server.configs()[0].max_hop_frames(), 16u);
   EXPECT_EQ(server.configs()[1].hop_frames(), 2u);
+  EXPECT_EQ(server.configs()[1].max_hop_frames(), 0u);
   EXPECT_TRUE(server.configs()[1].has_polish());
 }
 

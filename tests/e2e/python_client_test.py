@@ -5,6 +5,7 @@ Usage: python_client_test.py HOLDFAST_SERVER PROTOC
 """
 import sys
 import tempfile
+import threading
 import unittest
 
 import grpc
@@ -13,6 +14,13 @@ from protocol import METHOD, generate, picture
 from server_process import ServerProcess
 
 WIDTH, HEIGHT, FRAMES = 128, 96, 32
+
+
+def finals(responses, point):
+    """What is final of a point, by frame."""
+    return {run.first_frame + i: (run.x[i], run.y[i], run.confidence[i])
+            for response in responses for run in response.tracks.runs if run.id == point
+            for i in range(run.final_count)}
 
 
 class PythonClientTest(unittest.TestCase):
@@ -40,7 +48,8 @@ class PythonClientTest(unittest.TestCase):
                                           response_deserializer=self.pb.TrackResponse.FromString)
         return call(iter(requests), timeout=60)
 
-    def requests(self, points, frames=FRAMES, **config):
+    def requests(self, points, frames=FRAMES, until=None, **config):
+        """'until': of which event the stream waits before it ends."""
         config = self.pb.SessionConfig(encoding=self.pb.FRAME_ENCODING_GRAY8, points=points,
                                        raw_size=self.pb.ImageSize(width=WIDTH, height=HEIGHT), **config)
         yield self.pb.TrackRequest(config=config)
@@ -49,12 +58,17 @@ class PythonClientTest(unittest.TestCase):
             if index == 6:
                 frame.points.add(id=77, x=40, y=40)
             yield self.pb.TrackRequest(frame=frame)
+        if until is not None:
+            until.wait(60)
 
-    def test_server_says_what_it_runs(self):
+    def info(self):
         ask = self.channel.unary_unary(METHOD + "GetServerInfo",
                                        request_serializer=self.pb.GetServerInfoRequest.SerializeToString,
                                        response_deserializer=self.pb.GetServerInfoResponse.FromString)
-        info = ask(self.pb.GetServerInfoRequest(), timeout=20)
+        return ask(self.pb.GetServerInfoRequest(), timeout=20)
+
+    def test_server_says_what_it_runs(self):
+        info = self.info()
         self.assertEqual(info.window_frames, 24)
         self.assertEqual(len(info.weights_sha256), 64)
         self.assertRegex(info.build, r"^\d+\.\d+\.\d+$")
@@ -94,6 +108,28 @@ class PythonClientTest(unittest.TestCase):
         self.assertAlmostEqual(final[6][0][1], 48.25, places=3)
         # The whole picture moves to the right, and so does a point on it.
         self.assertGreater(final[5][FRAMES - 1][0] - final[5][0][0], FRAMES / 2)
+
+    def test_a_loaded_server_takes_a_larger_hop_whose_tracks_are_those_of_a_session_that_asks_for_it(self):
+        points, expected = [self.pb.Point(id=5, x=30, y=30)], 1000
+        load = self.info().load
+        whole, reduced = load.frame_work + expected, load.frame_work + 0.75 * expected
+        bounds = dict(hop_frames=8, max_hop_frames=16, expected_points=expected,
+                      frames_per_second=load.work_budget / 2 / reduced)
+        alone, *_ = self.track(self.requests(points, frames=1, **bounds))
+        self.assertEqual(alone.accepted.hop_frames, 8)
+        ended = threading.Event()
+        other = self.track(self.requests(points, frames=0, expected_points=expected, until=ended,
+                                         frames_per_second=load.work_budget / 2 / whole))
+        self.assertEqual(next(other).accepted.hop_frames, 8)
+        chosen, *responses = self.track(self.requests(points, **bounds))
+        ended.set()
+        hop = chosen.accepted.hop_frames
+        self.assertGreater(hop, 8)
+        self.assertLessEqual(hop, 13)  # what is left is enough for 8 / 0.75, unless the budget has shrunk meanwhile
+        accepted, *asked = self.track(self.requests(points, hop_frames=hop))
+        self.assertEqual(accepted.accepted.hop_frames, hop)
+        self.assertEqual(finals(responses, 5), finals(asked, 5))
+        self.assertEqual(len(finals(asked, 5)), FRAMES)
 
     def test_a_client_that_wants_final_estimates_gets_no_others(self):
         for response in self.track(self.requests([self.pb.Point(id=1, x=9, y=9)], final_only=True)):

@@ -33,6 +33,7 @@ TEST(ConvertTest, ConfigSurvivesTheRoundTrip) {
   config.raw_size = {641, 479};
   config.processing_size = {512, 384};
   config.hop_frames = 5;
+  config.max_hop_frames = 11;
   config.iterations = 6;
   config.send_provisional = false;
   config.points = {{~PointId{0}, 1.5F, 2.25F}, {0, 0, 0}};
@@ -45,6 +46,7 @@ TEST(ConvertTest, ConfigSurvivesTheRoundTrip) {
   EXPECT_EQ(back->raw_size, config.raw_size);
   EXPECT_EQ(back->processing_size, config.processing_size);
   EXPECT_EQ(back->hop_frames, 5);
+  EXPECT_EQ(back->max_hop_frames, 11);
   EXPECT_EQ(back->iterations, 6);
   EXPECT_FALSE(back->send_provisional);
   ASSERT_THAT(back->points, SizeIs(2));

@@ -60,9 +60,10 @@ class ClientTest(support.ServedTest, unittest.TestCase):
 
     def test_live_updates_come_while_frames_are_pushed(self):
         updates = []
-        with self.client().session(POINTS, every_frame=True, encoding="raw") as session:
+        with self.client().session(POINTS, hop=(4, 12), every_frame=True, encoding="raw") as session:
             for frame in PICTURES:
                 updates += session.push(frame)
+            self.assertEqual(session.accepted.hop_frames, 4, "there is time for it")
             session.add({77: (40, 40)})
             session.remove([0])
             session.finish()

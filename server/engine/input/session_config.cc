@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "api/errors.h"
@@ -39,9 +40,11 @@ void CheckProcessingSize(ImageSize size, const EngineOptions& options, Violation
   }
 }
 
-// The hop of a session: the published chaining has only one.
-int DefaultHop(const EngineOptions& options, int window) {
-  return options.chaining == Chaining::kPublished ? window - 1 : options.hop_frames;
+// The least hop that a session may have. The published chaining has only one.
+int LeastHop(const SessionConfig& config, const EngineOptions& options, int window) {
+  if (config.hop_frames != 0) return config.hop_frames;
+  if (options.chaining == Chaining::kPublished) return window - 1;
+  return config.max_hop_frames > 0 ? std::min(options.hop_frames, config.max_hop_frames) : options.hop_frames;
 }
 
 // What a resumed session has to be sent again changes when windows end: checkpoints in between would cost much, 4 kB a
@@ -64,12 +67,19 @@ void CheckMotion(const SessionConfig& config, const SessionAccepted& accepted, c
   }
 }
 
-void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options, Violations& violations) {
+void CheckHops(const SessionConfig& config, const SessionAccepted& accepted, const EngineOptions& options,
+               Violations& violations) {
   const int lowest = options.chaining == Chaining::kPublished ? accepted.window_frames - 1 : 1;
   const int highest = accepted.window_frames - 1;
   if (accepted.hop_frames < lowest || accepted.hop_frames > highest) {
     violations.Add("config.hop_frames", absl::StrCat(accepted.hop_frames, " is not in ", lowest, " .. ", highest));
+  } else if (const int most = config.max_hop_frames; most != 0 && (most < accepted.hop_frames || most > highest)) {
+    violations.Add("config.max_hop_frames",
+                   absl::StrCat(most, " is not in ", accepted.hop_frames, " .. ", highest, ", from hop_frames on"));
   }
+}
+
+void CheckNumbers(const SessionAccepted& accepted, const EngineOptions& options, Violations& violations) {
   if (accepted.checkpoint_interval_frames < 0) {
     violations.Add("config.checkpoint_interval_frames",
                    absl::StrCat("is ", accepted.checkpoint_interval_frames, ", expected 0 or more"));
@@ -101,15 +111,15 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   if (absl::Status status = CheckPointCount(count, accepted.limits.max_points); !status.ok()) return status;
   accepted.processing_size = config.processing_size.empty() ? options.processing_size : config.processing_size;
   accepted.window_frames = model.window_frames;
-  accepted.hop_frames = config.hop_frames == 0 ? DefaultHop(options, model.window_frames) : config.hop_frames;
   accepted.iterations = config.iterations == 0 ? options.iterations : config.iterations;
   accepted.emit = config.emit;
   accepted.motion_prior = Switch(config.motion_prior, options.motion_prior, options);
   accepted.polish = Switch(config.polish, options.polish, options);
-  accepted.checkpoint_interval_frames = CheckpointInterval(config.checkpoint_interval_frames, accepted.hop_frames);
+  accepted = WithHop(std::move(accepted), config, LeastHop(config, options, model.window_frames));
   Violations violations;
   CheckRawSize(config, options, violations);
   CheckProcessingSize(accepted.processing_size, options, violations);
+  CheckHops(config, accepted, options, violations);
   CheckNumbers(accepted, options, violations);
   CheckMotion(config, accepted, options, violations);
   CheckPromise(config, accepted.limits, violations);
@@ -122,6 +132,12 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   violations.Append(CheckPoints("config.points", config.points, frame));
   violations.Append(CheckObjects("config.objects", config.objects, frame));
   if (!violations.empty()) return violations.ToStatus();
+  return accepted;
+}
+
+SessionAccepted WithHop(SessionAccepted accepted, const SessionConfig& config, int hop_frames) {
+  accepted.hop_frames = hop_frames;
+  accepted.checkpoint_interval_frames = CheckpointInterval(config.checkpoint_interval_frames, hop_frames);
   return accepted;
 }
 

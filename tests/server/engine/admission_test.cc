@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <string>
+#include <vector>
 
 #include "api/errors.h"
 #include "server/engine/latency_log.h"
@@ -34,6 +35,16 @@ class AdmissionTest : public ::testing::Test {
     session.hop_frames = session.iterations = 1;
     return {0, frames_per_second, insists, meter_.Of(session), points};
   }
+  // By hop from 'least' on: the same of less work and more memory.
+  std::vector<Admission::Demand> Hops(int least, int most, Admission::Demand demand) const {
+    std::vector<Admission::Demand> demands;
+    for (int hop = least; hop <= most; ++hop) {
+      demands.push_back(demand);
+      demands.back().bytes = 100 * hop;
+      demands.back().work.point = demand.work.point / hop;
+    }
+    return demands;
+  }
   static std::string Refusal(const absl::Status& status) {
     const auto overload = OverloadDetails(status);
     return overload ? overload->subject : "";
@@ -46,10 +57,10 @@ class AdmissionTest : public ::testing::Test {
 };
 
 TEST_F(AdmissionTest, RefusesMoreSessionsThanThereAreAndAdmitsAgainWhenOneEnds) {
-  auto first = admission_.Admit(Memory(1));
-  auto second = admission_.Admit(Memory(1));
-  auto third = admission_.Admit(Memory(1));
-  const auto fourth = admission_.Admit(Memory(1));
+  auto first = admission_.Admit({Memory(1)});
+  auto second = admission_.Admit({Memory(1)});
+  auto third = admission_.Admit({Memory(1)});
+  const auto fourth = admission_.Admit({Memory(1)});
   ASSERT_THAT(fourth, StatusIs(absl::StatusCode::kResourceExhausted));
   EXPECT_EQ(Refusal(fourth.status()), "sessions");
   EXPECT_GT(OverloadDetails(fourth.status())->retry_after, absl::ZeroDuration());
@@ -60,64 +71,106 @@ TEST_F(AdmissionTest, RefusesMoreSessionsThanThereAreAndAdmitsAgainWhenOneEnds) 
   first->reset();
   EXPECT_THAT(admission_.CheckPlaces(), IsOk());
   EXPECT_EQ(admission_.load().sessions, 2);
-  EXPECT_THAT(admission_.Admit(Memory(1)), IsOk());
+  EXPECT_THAT(admission_.Admit({Memory(1)}), IsOk());
 }
 
 TEST_F(AdmissionTest, RefusesASessionWhoseFeaturesDoNotFit) {
-  auto first = admission_.Admit(Memory(600));
-  EXPECT_GT(OverloadDetails(admission_.Admit(Memory(500)).status())->retry_after, absl::ZeroDuration());
-  EXPECT_EQ(OverloadDetails(admission_.Admit(Memory(1001)).status())->retry_after, absl::ZeroDuration())
+  auto first = admission_.Admit({Memory(600)});
+  EXPECT_GT(OverloadDetails(admission_.Admit({Memory(500)}).status())->retry_after, absl::ZeroDuration());
+  EXPECT_EQ(OverloadDetails(admission_.Admit({Memory(1001)}).status())->retry_after, absl::ZeroDuration())
       << "it will never fit";
-  EXPECT_THAT(admission_.Admit(Memory(400)), IsOk());
+  EXPECT_THAT(admission_.Admit({Memory(400)}), IsOk());
   EXPECT_EQ(metrics_.totals().rejected[RejectReason::kMemory], 2);
 }
 
 TEST_F(AdmissionTest, RefusesWorkBeyondTheBudgetAndNamesBoth) {
-  auto first = admission_.Admit(Work(10, 50, true));  // 10 x (10 + 50)
+  auto first = admission_.Admit({Work(10, 50, true)});  // 10 x (10 + 50)
   ASSERT_THAT(first, IsOk());
   EXPECT_DOUBLE_EQ(admission_.load().work, 600);
-  const auto second = admission_.Admit(Work(10, 31, true));
+  const auto second = admission_.Admit({Work(10, 31, true)});
   EXPECT_EQ(Refusal(second.status()), "point-frames per second");
   EXPECT_THAT(second.status().message(), HasSubstr("needs 410, and 600 of 1000 are promised"));
   EXPECT_GT(OverloadDetails(second.status())->retry_after, absl::ZeroDuration());
   EXPECT_EQ(metrics_.totals().rejected[RejectReason::kWork], 1);
-  EXPECT_THAT(admission_.Admit(Work(10, 30, true)), IsOk()) << "and its ticket goes back at once";
+  EXPECT_THAT(admission_.Admit({Work(10, 30, true)}), IsOk()) << "and its ticket goes back at once";
   EXPECT_DOUBLE_EQ(metrics_.totals().work_promised, 600);
   first->reset();
   EXPECT_EQ(admission_.load().work, 0);
-  EXPECT_THAT(admission_.Admit(Work(10, 31, true)), IsOk());
+  EXPECT_THAT(admission_.Admit({Work(10, 31, true)}), IsOk());
 }
 
 TEST_F(AdmissionTest, AloneASessionIsServedAtAnyPaceUnlessItInsistsOnOne) {
-  EXPECT_THAT(admission_.Admit(Work(1, 2000, false)), IsOk());
-  const auto insists = admission_.Admit(Work(1, 2000, true));
+  EXPECT_THAT(admission_.Admit({Work(1, 2000, false)}), IsOk());
+  const auto insists = admission_.Admit({Work(1, 2000, true)});
   EXPECT_EQ(Refusal(insists.status()), "point-frames per second");
   EXPECT_EQ(OverloadDetails(insists.status())->retry_after, absl::ZeroDuration()) << "it will never fit";
-  auto other = admission_.Admit(Work(1, 1, false));
-  EXPECT_EQ(Refusal(admission_.Admit(Work(1, 2000, false)).status()), "point-frames per second");
+  auto other = admission_.Admit({Work(1, 1, false)});
+  EXPECT_EQ(Refusal(admission_.Admit({Work(1, 2000, false)}).status()), "point-frames per second");
+}
+
+TEST_F(AdmissionTest, MeetsTheFirstDemandWhoseWorkFitsAndRefusesForTheLast) {
+  const Admission::Demand demand = Work(10, 120, true);  // 10 x (10 + 120 / hop): 700, 500, 400, 340 from hop 2 on
+  EXPECT_EQ((*admission_.Admit(Hops(2, 5, demand)))->choice(), 0u) << "nobody else is there";
+  auto other = *admission_.Admit({Work(10, 50, true)});  // leaves 400
+  EXPECT_EQ(other->choice(), 0u);
+  auto chosen = *admission_.Admit(Hops(2, 5, demand));
+  EXPECT_EQ(chosen->choice(), 2u);
+  EXPECT_DOUBLE_EQ(admission_.load().work, 1000);
+  chosen.reset();
+  EXPECT_DOUBLE_EQ(admission_.load().work, 600);
+  const auto refused = admission_.Admit(Hops(2, 3, demand));
+  EXPECT_THAT(refused.status().message(), HasSubstr("needs 500, and 600 of 1000 are promised"));
+  EXPECT_GT(OverloadDetails(refused.status())->retry_after, absl::ZeroDuration());
+  EXPECT_EQ(metrics_.totals().rejected[RejectReason::kWork], 1) << "once for all of them";
+  const auto never = admission_.Admit(Hops(2, 3, Work(30, 120, true)));  // 1500 at least
+  EXPECT_EQ(OverloadDetails(never.status())->retry_after, absl::ZeroDuration());
+}
+
+TEST_F(AdmissionTest, WhoNamesNoRateGetsTheFirstDemandWhileThatWouldBeTakenAtAll) {
+  const Admission::Demand demand = Work(0.5, 120, false);  // 35 and 25 with hops 2 and 3
+  EXPECT_EQ((*admission_.Admit(Hops(2, 3, demand)))->choice(), 0u);
+  auto other = *admission_.Admit({Work(10, 86, true)});  // leaves 40
+  auto first = *admission_.Admit(Hops(2, 3, demand));
+  EXPECT_EQ(first->choice(), 0u);
+  first.reset();
+  other->SetPoints(87);  // leaves 30
+  EXPECT_EQ((*admission_.Admit(Hops(2, 3, demand)))->choice(), 1u);
+}
+
+TEST_F(AdmissionTest, TheMemoryOfTheChosenDemandHasToFit) {
+  const Admission::Demand demand = Work(10, 120, true);
+  Admission::Demand large = Work(10, 50, true);
+  large.bytes = 700;
+  auto other = *admission_.Admit({large});
+  ASSERT_DOUBLE_EQ(admission_.load().work, 600);
+  const auto refused = admission_.Admit(Hops(2, 5, demand));  // 400 bytes with hop 4, and 300 are left
+  EXPECT_EQ(Refusal(refused.status()), "feature memory");
+  EXPECT_GT(OverloadDetails(refused.status())->retry_after, absl::ZeroDuration()) << "a smaller hop fits one day";
+  other.reset();
+  EXPECT_THAT(admission_.Admit(Hops(2, 5, demand)), IsOk());
 }
 
 TEST_F(AdmissionTest, PointsThatComeLaterCountAsSoonAsTheyAreMoreThanWasAskedFor) {
-  auto ticket = *admission_.Admit(Work(10, 20, true));
+  auto ticket = *admission_.Admit({Work(10, 20, true)});
   ticket->SetPoints(5);
   EXPECT_DOUBLE_EQ(admission_.load().work, 300);
   EXPECT_EQ(admission_.load().points, 5);
   ticket->SetPoints(60);
   EXPECT_DOUBLE_EQ(admission_.load().work, 700);
-  EXPECT_EQ(Refusal(admission_.Admit(Work(10, 21, true)).status()), "point-frames per second");
+  EXPECT_EQ(Refusal(admission_.Admit({Work(10, 21, true)}).status()), "point-frames per second");
   ticket->SetPoints(0);
   EXPECT_DOUBLE_EQ(admission_.load().work, 300);
-  EXPECT_THAT(admission_.Admit(Work(10, 21, true)), IsOk());
+  EXPECT_THAT(admission_.Admit({Work(10, 21, true)}), IsOk());
 }
 
 TEST_F(AdmissionTest, ACrowdedMachineTakesFewerAndSaysWhenToComeBack) {
-  auto first = *admission_.Admit(Work(10, 20, true));
+  auto first = *admission_.Admit({Work(10, 20, true)});
   for (int i = 0; i < 20; ++i) meter_.Refined(1000, 1, absl::Seconds(2));  // one second at warm-up
-  const auto refused = admission_.Admit(Work(10, 20, true));
+  const auto refused = admission_.Admit({Work(10, 20, true)});
   EXPECT_EQ(Refusal(refused.status()), "point-frames per second");
   EXPECT_GT(OverloadDetails(refused.status())->retry_after, absl::ZeroDuration());
   clock_.Advance(absl::Minutes(5));
-  EXPECT_THAT(admission_.Admit(Work(10, 20, true)), IsOk());
+  EXPECT_THAT(admission_.Admit({Work(10, 20, true)}), IsOk());
 }
 
 TEST(LatencyLogTest, TellsTheFirstAndTheFinalEstimateOfAFrameOnce) {

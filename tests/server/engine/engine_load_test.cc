@@ -143,6 +143,39 @@ TEST_F(EngineTest, RefusesASessionWhoseRateCannotBeKeptAndTellsItsLoad) {
   EXPECT_EQ(metrics_.totals().work_promised, 0);
 }
 
+// Costs as above.
+TEST_F(EngineTest, ALoadedEngineTakesALargerHopOfTheBoundsAndTheTracksAreThoseOfThatHop) {
+  model_->SetCosts({/*pixel=*/10e-3 / Pixels(kFrame), /*batch=*/0, /*row=*/2e-3});
+  model_->keep_starts = true;  // where a window starts shows in its estimates
+  // Batches that take no time by the clock make the budget large until they are forgotten.
+  const auto forget_batches = [this] { clock_.Advance(absl::Hours(1)); };
+  const auto track = [&](const SessionConfig& config, int hop) {
+    forget_batches();
+    RecordingListener listener;
+    auto session = Open(config, listener);
+    EXPECT_EQ(session->accepted().hop_frames, hop);
+    PushFrames(*session, listener, 0, 50);
+    session->Finish();
+    EXPECT_THAT(listener.AwaitDone(), IsOk());
+    return listener.Final(1);
+  };
+  SessionConfig bounded = Config({{1, 1, 1}}, 4);
+  bounded.max_hop_frames = 16;
+  bounded.frames_per_second = 5;
+  bounded.expected_points = 44;  // 5 x (10 + 44 x 8 / hop): 490 with hop 4, 210 with 11, 197 with 12
+  const auto quiet = track(bounded, 4);
+  RecordingListener listener;
+  SessionConfig other = Config({{1, 1, 1}});
+  other.frames_per_second = other.expected_points = 20;  // takes 600 of 800
+  auto session = Open(other, listener);
+  const auto loaded = track(bounded, 12);
+  EXPECT_TRUE(loaded == track(Config({{1, 1, 1}}, 12), 12));
+  EXPECT_FALSE(loaded == quiet);
+  bounded.max_hop_frames = 11;
+  forget_batches();
+  EXPECT_THAT(engine().OpenSession(bounded, listener), StatusIs(absl::StatusCode::kResourceExhausted));
+}
+
 TEST_F(EngineTest, AFailureOfTheNetworkEndsOnlyTheSessionsOfItsBatch) {
   std::atomic<bool> fail{false};
   model_->before_refine = [&fail](absl::Span<const WindowGroup>) {

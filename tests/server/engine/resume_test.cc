@@ -434,7 +434,10 @@ TEST_F(MismatchTest, OtherWeightsAndOptionsAreNamed) {
   config = MakeConfig();
   config.raw_size = {64, 64};
   EXPECT_THAT(Try(state, config), refused("frames of 128x96"));
-  EXPECT_THAT(Try(state, MakeConfig(/*hop=*/4)), refused("hop_frames 8"));
+  config = MakeConfig(/*hop=*/4);
+  EXPECT_THAT(Try(state, config), refused("hop_frames 8"));
+  config.max_hop_frames = 6;
+  EXPECT_THAT(Try(state, config), refused("hop_frames 8, this session has 4 .. 6"));
   config = MakeConfig();
   config.iterations = 9;
   EXPECT_THAT(Try(state, config), refused("iterations"));
@@ -457,6 +460,14 @@ TEST_F(MismatchTest, OptionsLeftOpenAreThoseOfTheToken) {
   EXPECT_EQ(session->accepted().processing_size, kPicture);
   EXPECT_EQ(session->accepted().hop_frames, 8);
   EXPECT_EQ(session->accepted().first_frame, state.next_frame);
+}
+
+TEST_F(MismatchTest, ASessionKeepsTheHopThatWasChosenForIt) {
+  SessionConfig config = MakeConfig(/*hop=*/4);
+  config.max_hop_frames = 16;
+  config.resume_token = sealer_.Forge(Saved());
+  RecordingListener listener;
+  EXPECT_EQ(Open(config, listener)->accepted().hop_frames, 8) << "though there is time for 4";
 }
 
 TEST_F(MismatchTest, ImpossibleStatesAreRefused) {

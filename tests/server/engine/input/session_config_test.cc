@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "api/errors.h"
@@ -154,6 +155,34 @@ TEST(SessionConfigTest, TheSwitchesOfOpticalFlowFollowTheEngineUnlessTheSessionS
   EXPECT_EQ(Negotiate(config, options, {})->emit, Emit::kEveryFrame);
   options.chaining = Chaining::kPublished;
   EXPECT_THAT(ViolatedFields(Negotiate(config, options, {}).status()), ElementsAre("config.polish"));
+}
+
+TEST(SessionConfigTest, BeginsWithTheLeastHopOfTheBoundsAndTakesAnotherOne) {
+  SessionConfig config;
+  config.max_hop_frames = 23;
+  config.checkpoint_interval_frames = 10;
+  const auto accepted = Negotiate(config, {}, {});
+  ASSERT_THAT(accepted, IsOk());
+  EXPECT_EQ(accepted->hop_frames, 8);
+  EXPECT_EQ(accepted->checkpoint_interval_frames, 10);
+  EXPECT_EQ(WithHop(*accepted, config, 12).hop_frames, 12);
+  EXPECT_EQ(WithHop(*accepted, config, 12).checkpoint_interval_frames, 12) << "no more often than windows end";
+  config.max_hop_frames = 6;
+  EXPECT_EQ(Negotiate(config, {}, {})->hop_frames, 6) << "the default is larger";
+  config.hop_frames = 2;
+  EXPECT_EQ(Negotiate(config, {}, {})->hop_frames, 2);
+}
+
+TEST(SessionConfigTest, ABoundOfTheHopIsNotBelowItNorAWindow) {
+  SessionConfig config;
+  for (const auto& [least, most] : {std::pair{8, 7}, {8, 24}, {0, 24}, {0, -1}}) {
+    config.hop_frames = least;
+    config.max_hop_frames = most;
+    EXPECT_THAT(ViolatedFields(Negotiate(config, {}, {}).status()), ElementsAre("config.max_hop_frames"));
+  }
+  config.hop_frames = 8;
+  config.max_hop_frames = 4;
+  EXPECT_THAT(Negotiate(config, {}, {}).status().message(), HasSubstr("4 is not in 8 .. 23"));
 }
 
 TEST(SessionConfigTest, ThePublishedChainingHasOneHop) {
