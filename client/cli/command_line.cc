@@ -70,7 +70,9 @@ ABSL_FLAG(int, jpeg_quality, holdfast::TrackOptions().jpeg_quality,
           "Sends frames as JPEG of this quality, 1 to 100. Higher takes more bandwidth and keeps more detail.");
 ABSL_FLAG(holdfast::ImageSize, processing_size, {},
           "Asks the server to track at WIDTHxHEIGHT, multiples of 32. Empty: at its default.");
-ABSL_FLAG(int, hop, 0, "Asks for a window after this many new frames. 0: the server's default.");
+ABSL_FLAG(holdfast::HopBounds, hop, {},
+          "Asks for a window after this many new frames; LEAST..MOST: after the fewest at which the server would take "
+          "the run when it begins, see --promise_fps; auto: after its default, or up to 16. 0: its default.");
 ABSL_FLAG(int, iterations, 0, "Asks for this many refinement iterations of a window. 0: the server's default.");
 ABSL_FLAG(bool, live, false,
           "Has every frame answered at once with what optical flow says, and shows that in --overlay, --still and "
@@ -147,7 +149,7 @@ absl::StatusOr<TrackOptions> TrackOptionsFromFlags(const std::string& input) {
   options.max_side = absl::GetFlag(FLAGS_max_side);
   options.jpeg_quality = absl::GetFlag(FLAGS_jpeg_quality);
   options.processing_size = absl::GetFlag(FLAGS_processing_size);
-  options.hop_frames = absl::GetFlag(FLAGS_hop);
+  options.hop = absl::GetFlag(FLAGS_hop);
   options.iterations = absl::GetFlag(FLAGS_iterations);
   options.live = absl::GetFlag(FLAGS_live);
   options.promise_fps = absl::GetFlag(FLAGS_promise_fps);
@@ -189,7 +191,7 @@ absl::StatusOr<LoadOptions> LoadOptionsFromFlags(const std::string& input) {
   options.max_side = absl::GetFlag(FLAGS_max_side);
   options.jpeg_quality = absl::GetFlag(FLAGS_jpeg_quality);
   options.processing_size = absl::GetFlag(FLAGS_processing_size);
-  options.hop_frames = absl::GetFlag(FLAGS_hop);
+  options.hop = absl::GetFlag(FLAGS_hop);
   options.live = absl::GetFlag(FLAGS_live);
   options.promise_fps = absl::GetFlag(FLAGS_promise_fps);
   if (absl::Status status = options.Validate(); !status.ok()) return status;

@@ -70,7 +70,8 @@ SessionConfig ConfigOf(const LoadOptions& options, ImageSize size) {
   SessionConfig config;
   config.encoding = FrameEncoding::kJpeg;
   config.processing_size = options.processing_size;
-  config.hop_frames = options.hop_frames;
+  config.hop_frames = options.hop.least;
+  config.max_hop_frames = options.hop.most;
   config.emit = options.live ? Emit::kEveryFrame : Emit::kWindows;
   config.frames_per_second = options.promise_fps;
   config.label = "holdfast load";

@@ -10,6 +10,7 @@
 #include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "api/types.h"
+#include "client/cli/hop_bounds.h"
 #include "client/cli/load_session.h"
 #include "program/termination.h"
 
@@ -27,9 +28,9 @@ struct LoadOptions {
   int max_side = 0;                      // of the frames sent, pixels; 0: as they are
   int jpeg_quality = 92;
   ImageSize processing_size;  // empty: the server's default
-  int hop_frames = 0;         // 0: the server's default
-  double promise_fps = 0;     // that the server is to promise; 0: the pace that it has time for
-  bool live = false;          // asks for an estimate on every frame
+  HopBounds hop;
+  double promise_fps = 0;  // that the server is to promise; 0: the pace that it has time for
+  bool live = false;       // asks for an estimate on every frame
 
   absl::Status Validate() const;
 };

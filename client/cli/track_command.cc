@@ -71,7 +71,6 @@ absl::Status TrackOptions::Validate() const {
   }
   if (absl::Status status = ValidateFrames(*this); !status.ok()) return status;
   if (max_frames < 0) return absl::InvalidArgumentError("--max_frames: expected 0 or more");
-  if (hop_frames < 0) return absl::InvalidArgumentError("--hop: expected 0 or more");
   if (iterations < 0) return absl::InvalidArgumentError("--iterations: expected 0 or more");
   return absl::OkStatus();
 }

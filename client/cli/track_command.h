@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "api/point_tracker.h"
 #include "api/types.h"
+#include "client/cli/hop_bounds.h"
 #include "client/cli/overlay_video.h"
 #include "client/cli/picture_window.h"
 #include "client/cli/point_source.h"
@@ -30,9 +31,9 @@ struct TrackOptions {
   int max_side = 0;         // of the frames sent, pixels; 0: as they are
   int jpeg_quality = 92;
   ImageSize processing_size;  // empty: the server's default
-  int hop_frames = 0;         // 0: the server's default
-  int iterations = 0;         // 0: the server's default
-  double promise_fps = 0;     // that the server is to promise; 0: the pace that it has time for
+  HopBounds hop;
+  int iterations = 0;      // 0: the server's default
+  double promise_fps = 0;  // that the server is to promise; 0: the pace that it has time for
   // Asks for an estimate on every frame, and shows those; 'out' holds final ones all the same. Of an input that does
   // not wait, frames are left out instead of queued.
   bool live = false;

@@ -28,7 +28,8 @@ SessionConfig TrackQueries::Config() const {
   SessionConfig config;
   config.encoding = FrameEncoding::kJpeg;
   config.processing_size = options_->processing_size;
-  config.hop_frames = options_->hop_frames;
+  config.hop_frames = options_->hop.least;
+  config.max_hop_frames = options_->hop.most;
   config.iterations = options_->iterations;
   config.send_provisional = true;  // kept where the session ends before they are final
   config.emit = options_->live ? Emit::kEveryFrame : Emit::kWindows;

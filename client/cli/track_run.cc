@@ -96,8 +96,10 @@ class TrackRun final : public TrackObserver {
   }
 
   void OnAccepted(const SessionAccepted& accepted) override {
-    if (!queries_.has_object() || accepted.limits.max_objects > 0) return;
     absl::MutexLock lock(&mutex_);
+    if (options_.hop.most > 0)
+      environment_.log << "a window every " << accepted.hop_frames << " frames\n" << std::flush;
+    if (!queries_.has_object() || accepted.limits.max_objects > 0) return;
     broken_ = absl::UnimplementedError("--mask: the server is too old, it knows no objects");
   }
 

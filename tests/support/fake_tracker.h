@@ -56,6 +56,7 @@ class FakeTracker final : public PointTracker {
       SessionAccepted accepted;
       accepted.processing_size =
           config.processing_size.empty() ? tracker.behaviour_.default_processing_size : config.processing_size;
+      accepted.hop_frames = std::max(config.hop_frames, config.max_hop_frames);
       accepted.limits.max_objects = tracker.behaviour_.max_objects;
       observer_.OnAccepted(accepted);
       Query(config.points, 0);

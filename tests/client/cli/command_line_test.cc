@@ -78,6 +78,7 @@ TEST_F(CommandLineTest, WrongCallsAreCode2AndSayWhy) {
       {{"track", "a.mp4", "--grid=5", "--out=t.txt"}, "t.txt"},
       {{"track", "a.mp4", "--grid=5", "--overlay=t.avi"}, "t.avi"},
       {{"track", "a.mp4", "--grid=5", "--out=t.csv", "--processing_size=500x384"}, "--processing_size"},
+      {{"track", "a.mp4", "--grid=5", "--out=t.csv", "--hop=8-16"}, "4..16, or auto"},
       {{"track", "a.mp4", "--grid=5", "--out=t.csv", "--buffer_mib=0"}, "--buffer_mib"},
       {{"track", "a.mp4", "--grid=5", "--out=t.csv", "--reconnect_timeout=-1s"}, "--reconnect_timeout"},
   };

@@ -137,7 +137,7 @@ TEST_F(TrackCommandTest, WhenNobodyReadsTheLinesTheRunEnds) {
 }
 
 TEST_F(TrackCommandTest, PointsTravelWithTheirFrameAndOptionsWithTheConfig) {
-  options_.hop_frames = 5;
+  options_.hop = {5, 12};
   options_.iterations = 3;
   options_.processing_size = {64, 32};
   options_.max_frames = 4;
@@ -145,6 +145,8 @@ TEST_F(TrackCommandTest, PointsTravelWithTheirFrameAndOptionsWithTheConfig) {
   ASSERT_THAT(Run(tracker), IsOk());
   const SessionConfig& config = tracker.configs()[0];
   EXPECT_EQ(config.hop_frames, 5);
+  EXPECT_EQ(config.max_hop_frames, 12);
+  EXPECT_THAT(log_.str(), HasSubstr("a window every 12 frames\n")) << "of a tracker without time";
   EXPECT_EQ(config.iterations, 3);
   EXPECT_EQ(config.processing_size, (ImageSize{64, 32}));
   EXPECT_EQ(config.encoding, FrameEncoding::kJpeg);
@@ -330,7 +332,6 @@ TEST(TrackOptionsTest, ValidateNamesWhatIsWrong) {
   EXPECT_THAT(message([](auto& o) { o.start_frame = 5, o.overlay.still_frame = 4; }), HasSubstr("--still_frame"));
   EXPECT_THAT(message([](auto& o) { o.both = o.live = true; }), HasSubstr("--both: "));
   EXPECT_THAT(message([](auto& o) { o.both = o.overlay.show = true; }), HasSubstr("not with --show"));
-  EXPECT_THAT(message([](auto& o) { o.hop_frames = -1; }), HasSubstr("--hop"));
   EXPECT_THAT(message([](auto& o) { o.iterations = -1; }), HasSubstr("--iterations"));
 }
 
