@@ -7,7 +7,8 @@ Usage: load_table.py BIN [--sizes=512x384,256x192] [--sessions=1,4,8] [--points=
 
 BIN holds holdfast-server and holdfast. Prints two tables for each processing size: frames a second of all sessions
 together at full pace, and the most sessions that kept a pace: 98 % of their frames were taken in time, and all of them
-tracked two seconds later. Run it on a machine that is otherwise quiet.
+tracked two seconds later; `--paces=` leaves the second one out. A window of a session takes 24 frames: give it the
+seconds for several times that. Run it on a machine that is otherwise quiet.
 """
 import argparse
 import json
@@ -26,7 +27,7 @@ TAIL = 2  # seconds, for the last ones
 
 
 def numbers(text):
-    return [int(number) for number in text.split(",")]
+    return [int(number) for number in text.split(",") if number]
 
 
 class Load:
@@ -88,6 +89,8 @@ def main():
                   for points in options.points}
         table(f"{size}, points", [f"{sessions} sessions" for sessions in options.sessions],
               [(points, [f"{total:.1f}" for total in row.values()]) for points, row in totals.items()])
+        if not options.paces:
+            continue
         table(f"{size}, points", [f"sessions at {pace} frames/s" for pace in options.paces],
               [(points, [str(load.keeping(pace, points, max(row.values()))) for pace in options.paces])
                for points, row in totals.items()])
