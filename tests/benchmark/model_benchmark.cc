@@ -5,6 +5,7 @@
 //   HOLDFAST_BENCHMARK_THREADS   of LibTorch; default: all processors. Stages and ceilings are there with one, too
 //   HOLDFAST_BENCHMARK_BFLOAT16  1: stages and ceilings in bfloat16 too, where the processor has to emulate it
 #include <benchmark/benchmark.h>
+#include <torch/nn/modules/conv.h>
 #include <torch/types.h>
 #include <torch/utils.h>
 
