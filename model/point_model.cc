@@ -6,6 +6,7 @@
 
 #include "model/contextual_attention.h"
 #include "model/encoder.h"
+#include "model/ops/convolution.h"
 #include "model/ops/correlation.h"
 #include "model/ops/feature_views.h"
 #include "model/ops/sampling.h"
@@ -87,5 +88,7 @@ int64_t PointModelImpl::ParameterCount() const {
   for (const auto& parameter : parameters()) count += parameter.numel();
   return count;
 }
+
+void PointModelImpl::PackWeights() { holdfast::PackWeights(*this); }
 
 }  // namespace holdfast

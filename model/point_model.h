@@ -76,6 +76,9 @@ class PointModelImpl : public torch::nn::Module {
 
   int64_t ParameterCount() const;
 
+  // For inference: keeps weights as the kernels read them too, until they change. Not while anybody infers.
+  void PackWeights();
+
  private:
   torch::Tensor EncodeBatch(const torch::Tensor& frames);
 

@@ -21,9 +21,7 @@ constexpr int64_t kBlocksPerStage = 2;  // channels double from one stage to the
 }  // namespace
 
 TemporalConvImpl::TemporalConvImpl(int64_t in_channels, int64_t out_channels)
-    : conv_(register_module("conv", torch::nn::Conv1d(torch::nn::Conv1dOptions(in_channels, out_channels, 3)))) {
-  UseChannelsLast(conv_);
-}
+    : conv_(register_module("conv", Conv1d(torch::nn::Conv1dOptions(in_channels, out_channels, 3)))) {}
 
 torch::Tensor TemporalConvImpl::forward(const torch::Tensor& x) { return Convolve(x, conv_); }
 

@@ -3,10 +3,10 @@
 #pragma once
 
 #include <torch/nn/modules/container/modulelist.h>
-#include <torch/nn/modules/conv.h>
 #include <torch/nn/modules/linear.h>
 #include <torch/types.h>
 
+#include "model/ops/convolution.h"
 #include "model/options.h"
 
 namespace holdfast {
@@ -17,10 +17,10 @@ class TemporalConvImpl : public torch::nn::Module {
   TemporalConvImpl(int64_t in_channels, int64_t out_channels);
   // x [N, C, 1, S] channels-last -> [N, C', 1, S] channels-last.
   torch::Tensor forward(const torch::Tensor& x);
-  const torch::nn::Conv1d& conv() const { return conv_; }
+  const Conv1d& conv() const { return conv_; }
 
  private:
-  torch::nn::Conv1d conv_{nullptr};
+  Conv1d conv_{nullptr};
 };
 TORCH_MODULE(TemporalConv);
 

@@ -27,16 +27,18 @@ struct Layer {
   torch::Tensor weight;  // [C', C, h, w]
   torch::Tensor bias;
   Geometry geometry;
+  torch::Tensor packed;  // weight and bias as the kernel reads them; undefined: they have to be packed
 };
 
 Layer LayerOf(const torch::nn::Conv2d& conv) {
   const int64_t padding = conv->weight.size(2) / 2;
-  return {conv->weight, conv->bias, {*conv->options.stride(), {padding, padding}}};
+  return {conv->weight, conv->bias, {*conv->options.stride(), {padding, padding}}, {}};
 }
 
-Layer LayerOf(const torch::nn::Conv1d& conv) {
-  return {conv->weight.unsqueeze(2), conv->bias, {{1, 1}, {0, conv->weight.size(2) / 2}}};
+Layer LayerOf(const Conv1dImpl& conv) {
+  return {conv.weight.unsqueeze(2), conv.bias, {{1, 1}, {0, conv.weight.size(2) / 2}}, conv.packed()};
 }
+Layer LayerOf(const Conv1d& conv) { return LayerOf(*conv); }
 
 // at::conv2d picks an implementation by the batch's size; asking for oneDNN by name keeps a map's result independent of
 // its batch. bfloat16 without hardware support is left to conv2d, which knows what to do.
@@ -52,17 +54,34 @@ bool TakesKernel(const torch::Tensor& x, const torch::Tensor& weight) {
   return TakesOneDnn(x) && KernelInstructionSet() != InstructionSet::kAvx512 && weight.size(2) * weight.size(3) > 1;
 }
 
-ConvolutionMaps MapsOf(const torch::Tensor& x, const Layer& layer) {
-  const auto& [stride, padding] = layer.geometry;
+// What the layer says of them.
+ConvolutionMaps MapsOf(const Layer& layer) {
   ConvolutionMaps maps;
-  maps.images = x.size(0), maps.channels = x.size(1), maps.height = x.size(2), maps.width = x.size(3);
+  maps.channels = layer.weight.size(1), maps.out_channels = layer.weight.size(0);
   maps.kernel_height = layer.weight.size(2), maps.kernel_width = layer.weight.size(3);
-  maps.stride = stride[0];
-  maps.out_channels = layer.weight.size(0);
+  maps.stride = layer.geometry.stride[0];
+  return maps;
+}
+
+ConvolutionMaps MapsOf(const torch::Tensor& x, const Layer& layer) {
+  const std::array<int64_t, 2>& padding = layer.geometry.padding;
+  ConvolutionMaps maps = MapsOf(layer);
+  maps.images = x.size(0), maps.height = x.size(2), maps.width = x.size(3);
   maps.out_height = (maps.height + 2 * padding[0] - maps.kernel_height) / maps.stride + 1;
   maps.out_width = (maps.width + 2 * padding[1] - maps.kernel_width) / maps.stride + 1;
-  maps.bias = layer.bias.data_ptr<float>();
   return maps;
+}
+
+// REQUIRES: float32 on the CPU.
+torch::Tensor Pack(const Layer& layer) {
+  const torch::Tensor weight = layer.weight.contiguous(torch::MemoryFormat::ChannelsLast);
+  ConvolutionMaps maps = MapsOf(layer);
+  const torch::Tensor packed = torch::empty({maps.packed_floats()}, torch::kFloat32);
+  maps.weights = weight.data_ptr<float>();
+  maps.bias = layer.bias.data_ptr<float>();
+  maps.packed = packed.data_ptr<float>();
+  PackWeights(maps);
+  return packed;
 }
 
 torch::Tensor JoinMoments(const ConvolutionMaps& maps, const torch::Tensor& partial) {
@@ -79,21 +98,18 @@ torch::Tensor JoinMoments(const ConvolutionMaps& maps, const torch::Tensor& part
 // REQUIRES: TakesKernel. x is normed with its moments if there are any; 'measure' has those of the result taken.
 MeasuredMap RunKernel(const MeasuredMap& x, const Layer& layer, bool measure) {
   const torch::Tensor input = x.map.contiguous(torch::MemoryFormat::ChannelsLast);
-  const torch::Tensor weight = layer.weight.contiguous(torch::MemoryFormat::ChannelsLast);
   ConvolutionMaps maps = MapsOf(input, layer);
   const auto options = input.options();
   MeasuredMap out;
   out.map = torch::empty({maps.images, maps.out_channels, maps.out_height, maps.out_width}, options,
                          torch::MemoryFormat::ChannelsLast);
-  const torch::Tensor packed = torch::empty({maps.packed_floats()}, options);
+  const torch::Tensor packed = layer.packed.defined() ? layer.packed : Pack(layer);
   const torch::Tensor partial = torch::empty({measure ? maps.rows() * 2 * maps.out_channels : 0}, options);
   maps.x = input.data_ptr<float>();
-  maps.weights = weight.data_ptr<float>();
   maps.packed = packed.data_ptr<float>();
   maps.y = out.map.data_ptr<float>();
   if (x.moments.defined()) maps.moments = x.moments.data_ptr<float>();
   if (measure) maps.partial = partial.data_ptr<float>();
-  PackWeights(maps);
   at::parallel_for(0, maps.parts(), 1, [&](int64_t begin, int64_t end) {
     const std::unique_ptr<float[]> scratch(new float[static_cast<size_t>(maps.scratch_floats())]);
     ConvolveParts(maps, scratch.get(), begin, end);
@@ -109,7 +125,7 @@ bool IsNarrowAndStrided(const torch::Tensor& x, const torch::Tensor& weight, con
 }
 
 torch::Tensor Run(const torch::Tensor& x, const Layer& layer) {
-  const auto& [weight, bias, geometry] = layer;
+  const auto& [weight, bias, geometry, packed] = layer;
   if (TakesKernel(x, weight)) return RunKernel({x, {}}, layer, false).map;
   if (TakesOneDnn(x)) {
     return at::mkldnn_convolution(x, weight, bias, geometry.padding, geometry.stride, {1, 1}, 1);
@@ -140,10 +156,33 @@ torch::Tensor AsKernel(const torch::Tensor& matrix) { return matrix.unsqueeze(2)
 
 }  // namespace
 
-torch::Tensor Convolve(const torch::Tensor& x, const torch::nn::Conv2d& conv) { return Run(x, LayerOf(conv)); }
-torch::Tensor Convolve(const torch::Tensor& x, const torch::nn::Conv1d& conv) { return Run(x, LayerOf(conv)); }
+Conv1dImpl::Conv1dImpl(const torch::nn::Conv1dOptions& options) : torch::nn::Conv1dImpl(options) {
+  const torch::NoGradGuard no_grad;
+  weight.set_data(weight.transpose(1, 2).contiguous().transpose(1, 2));
+}
 
-torch::Tensor Convolve(const MeasuredMap& x, const torch::nn::Conv1d& conv) {
+void Conv1dImpl::PackWeights() {
+  const torch::NoGradGuard no_grad;
+  packed_ = torch::Tensor();
+  if (!TakesKernel(/*x=*/weight, weight.unsqueeze(2))) return;  // maps are where the weights are
+  packed_ = Pack(LayerOf(*this));
+  packed_of_ = stamp();
+}
+
+torch::Tensor Conv1dImpl::packed() const {
+  return packed_.defined() && packed_of_ == stamp() ? packed_ : torch::Tensor();
+}
+
+void PackWeights(torch::nn::Module& network) {
+  for (const std::shared_ptr<torch::nn::Module>& module : network.modules()) {
+    if (auto* conv = module->as<Conv1dImpl>()) conv->PackWeights();
+  }
+}
+
+torch::Tensor Convolve(const torch::Tensor& x, const torch::nn::Conv2d& conv) { return Run(x, LayerOf(conv)); }
+torch::Tensor Convolve(const torch::Tensor& x, const Conv1d& conv) { return Run(x, LayerOf(conv)); }
+
+torch::Tensor Convolve(const MeasuredMap& x, const Conv1d& conv) {
   const Layer layer = LayerOf(conv);
   return NormsOnTheWay(x, layer) ? RunKernel(x, layer, false).map : Run(InstanceNormRelu(x), layer);
 }
@@ -151,33 +190,24 @@ torch::Tensor Convolve(const MeasuredMap& x, const torch::nn::Conv1d& conv) {
 MeasuredMap ConvolveMeasured(const torch::Tensor& x, const torch::nn::Conv2d& conv) {
   return RunMeasured(x, LayerOf(conv));
 }
-MeasuredMap ConvolveMeasured(const torch::Tensor& x, const torch::nn::Conv1d& conv) {
-  return RunMeasured(x, LayerOf(conv));
-}
+MeasuredMap ConvolveMeasured(const torch::Tensor& x, const Conv1d& conv) { return RunMeasured(x, LayerOf(conv)); }
 MeasuredMap ConvolveMeasured(const MeasuredMap& x, const torch::nn::Conv2d& conv) {
   return RunMeasured(x, LayerOf(conv));
 }
-MeasuredMap ConvolveMeasured(const MeasuredMap& x, const torch::nn::Conv1d& conv) {
-  return RunMeasured(x, LayerOf(conv));
-}
+MeasuredMap ConvolveMeasured(const MeasuredMap& x, const Conv1d& conv) { return RunMeasured(x, LayerOf(conv)); }
 
 torch::Tensor Convolve(const torch::Tensor& x, const torch::nn::Linear& linear) {
-  return Run(x, {AsKernel(linear->weight), linear->bias, {}});
+  return Run(x, {AsKernel(linear->weight), linear->bias, {}, {}});
 }
 
 torch::Tensor ConvolveInFloat(const torch::Tensor& x, const torch::nn::Linear& linear) {
   const auto wide = [](const torch::Tensor& tensor) { return tensor.to(torch::kFloat32); };
-  return Run(wide(x), {AsKernel(wide(linear->weight)), wide(linear->bias), {}});
+  return Run(wide(x), {AsKernel(wide(linear->weight)), wide(linear->bias), {}, {}});
 }
 
 void UseChannelsLast(torch::nn::Conv2d& conv) {
   const torch::NoGradGuard no_grad;
   conv->weight.set_data(conv->weight.contiguous(torch::MemoryFormat::ChannelsLast));
-}
-
-void UseChannelsLast(torch::nn::Conv1d& conv) {
-  const torch::NoGradGuard no_grad;
-  conv->weight.set_data(conv->weight.transpose(1, 2).contiguous().transpose(1, 2));
 }
 
 }  // namespace holdfast

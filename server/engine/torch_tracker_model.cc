@@ -288,6 +288,7 @@ std::unique_ptr<PrecisionSwitch> MakeSwitch(PointModel model, Precision precisio
     return std::make_unique<PrecisionSwitch>(std::move(model), std::move(fast), metrics);
   }
   if (precision == Precision::kBFloat16) model->to(torch::kBFloat16);
+  model->PackWeights();
   return std::make_unique<PrecisionSwitch>(std::move(model), metrics);
 }
 

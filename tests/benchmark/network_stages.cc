@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/contextual_attention.h"
 #include "model/encoder.h"
+#include "model/ops/convolution.h"
 #include "model/ops/correlation.h"
 #include "model/ops/feature_pyramid.h"
 #include "model/ops/sampling.h"
@@ -44,6 +45,7 @@ template <typename Module>
 Module Ready(Module module, torch::ScalarType type) {
   module->to(type);
   module->eval();
+  PackWeights(*module);
   return module;
 }
 

@@ -48,7 +48,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, ConvolutionTest,
 // A kernel of one line through the layer over time, as the update block has it.
 torch::Tensor ConvolveAny(const torch::Tensor& x, const torch::nn::Conv2d& conv) {
   if (conv->weight.size(2) > 1) return Convolve(x, conv);
-  torch::nn::Conv1d line(torch::nn::Conv1dOptions(x.size(1), conv->weight.size(0), conv->weight.size(3)));
+  Conv1d line(torch::nn::Conv1dOptions(x.size(1), conv->weight.size(0), conv->weight.size(3)));
   line->weight.copy_(conv->weight.squeeze(2));
   line->bias.copy_(conv->bias);
   return Convolve(x, line);
@@ -104,13 +104,30 @@ TEST(ConvolutionForwardTest, NormsOnTheWay) {
 TEST(ConvolutionForwardTest, NormsRowsOverTimeOnTheWay) {
   const torch::NoGradGuard no_grad;
   torch::manual_seed(8);
-  torch::nn::Conv1d first(torch::nn::Conv1dOptions(12, 26, 3)), second(torch::nn::Conv1dOptions(26, 9, 3));
+  Conv1d first(torch::nn::Conv1dOptions(12, 26, 3)), second(torch::nn::Conv1dOptions(26, 9, 3));
   const torch::Tensor scale = torch::arange(1, 8).view({7, 1, 1, 1});
   const torch::Tensor x = (torch::randn({7, 12, 1, 24}) * scale).contiguous(torch::MemoryFormat::ChannelsLast);
   const torch::Tensor got = Convolve(ConvolveMeasured(Measure(x), first), second);
   const torch::Tensor want = Convolve(InstanceNormRelu(Convolve(InstanceNormRelu(x), first)), second);
   EXPECT_LE(RelativeDifference(got, want), 1e-5);
   EXPECT_TRUE(torch::equal(Convolve(ConvolveMeasured(Measure(x.narrow(0, 3, 1)), first), second), got.narrow(0, 3, 1)));
+}
+
+TEST(ConvolutionForwardTest, PackedWeightsChangeNothingAndAreForgottenWhenTheLayerChanges) {
+  const torch::NoGradGuard no_grad;
+  torch::manual_seed(9);
+  Conv1d conv(torch::nn::Conv1dOptions(12, 26, 3));
+  const torch::Tensor x = torch::randn({7, 12, 1, 24}).contiguous(torch::MemoryFormat::ChannelsLast);
+  const torch::Tensor want = Convolve(x, conv);
+  PackWeights(*conv);
+  EXPECT_TRUE(torch::equal(Convolve(x, conv), want));
+  conv->weight.mul_(2);
+  conv->bias.mul_(2);
+  EXPECT_TRUE(torch::equal(Convolve(x, conv), 2 * want));
+  PackWeights(*conv);
+  conv->weight.set_data(conv->weight / 2);
+  conv->bias.set_data(conv->bias / 2);
+  EXPECT_TRUE(torch::equal(Convolve(x, conv), want));
 }
 
 }  // namespace
