@@ -52,8 +52,8 @@ void BM_Convolution(benchmark::State& state) {
     UseChannelsLast(conv);
     for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Convolve(x, conv));
   } else {
-    torch::nn::Conv1d conv(torch::nn::Conv1dOptions(state.range(0), state.range(1), 3));
-    UseChannelsLast(conv);
+    Conv1d conv(torch::nn::Conv1dOptions(state.range(0), state.range(1), 3));
+    conv->PackWeights();
     for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Convolve(x, conv));
   }
 }
