@@ -19,7 +19,8 @@ class Queries:
         self._by_frame: dict[int, dict[int, tuple[float, float]]] = {}
         if not isinstance(points, Iterable):
             raise TypeError(f"points are {points!r}, expected x, y or frame, x, y of each, by id or in order")
-        for point, query in points.items() if isinstance(points, Mapping) else enumerate(points):
+        by_id = points if isinstance(points, Mapping) else dict(enumerate(points))
+        for point, query in by_id.items():
             self._add(point, query)
 
     def _add(self, point: int, query: Sequence[float]) -> None:

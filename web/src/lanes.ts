@@ -32,8 +32,8 @@ export function stretches(track: Lane, from: number, to: number): Stretch[] {
   return found;
 }
 
-/** The frames that a timeline shows: all of them, or the newest `most` of a long run. */
+/** The frames that a timeline shows: all of them, or the newest `most` of a long run. Null: nobody knows how many come. */
 export function shownFrames(frames: number, expected: number | null, most: number): { from: number; to: number } {
-  const to = Math.max(expected ?? 0, frames, 48) - 1;
+  const to = Math.max(expected ?? 48, frames, 1) - 1;
   return { from: Math.max(0, to - most + 1), to };
 }

@@ -25,7 +25,9 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
   const stats = await track.computePacketStats();
   const given = { width: await track.getDisplayWidth(), height: await track.getDisplayHeight() };
   const size = sentSize(given.width, given.height, encoding);
-  const images = (await decodes(track)) ? decoded(track) : sought(track, file, label);
+  const codec = await track.getCodec();
+  const refused = `${label} is a video${codec ? ` (${codec})` : ""} that this browser does not decode: most know H.264, VP9 and AV1.`;
+  const images = (await decodes(track)) ? decoded(track) : sought(track, file, refused);
   const encoder = new JpegEncoder(size.width, size.height, encoding.quality);
   let begin: number | null = null;
 
@@ -53,7 +55,7 @@ async function* decoded(track: InputVideoTrack): AsyncGenerator<TimedImage, void
 }
 
 // Where there is no decoder, a video element is led from frame to frame: slower, and as exact.
-async function* sought(track: InputVideoTrack, file: Blob, label: string): AsyncGenerator<TimedImage, void> {
+async function* sought(track: InputVideoTrack, file: Blob, refused: string): AsyncGenerator<TimedImage, void> {
   const times: [number, number][] = [];
   for await (const packet of new EncodedPacketSink(track).packets(undefined, undefined, { metadataOnly: true })) {
     times.push([packet.timestamp, packet.duration]);
@@ -64,7 +66,7 @@ async function* sought(track: InputVideoTrack, file: Blob, label: string): Async
   video.src = URL.createObjectURL(file);
   try {
     for (const [start, duration] of times) {
-      await seek(video, start + duration / 2, label);
+      await seek(video, start + duration / 2, refused);
       yield { image: video, seconds: start };
     }
   } finally {
@@ -73,10 +75,10 @@ async function* sought(track: InputVideoTrack, file: Blob, label: string): Async
   }
 }
 
-function seek(video: HTMLVideoElement, seconds: number, label: string): Promise<void> {
+function seek(video: HTMLVideoElement, seconds: number, refused: string): Promise<void> {
   return new Promise((resolve, reject) => {
     video.onseeked = () => resolve();
-    video.onerror = () => reject(new Error(`${label} has a video that this browser does not decode.`));
+    video.onerror = () => reject(new Error(refused));
     video.currentTime = seconds;
   });
 }

@@ -67,7 +67,8 @@ class TimelineCanvas {
   // --- Frames and rows against places on the canvas, in CSS pixels.
 
   private get span() {
-    return shownFrames(tracker.there.value, tracker.expected.value, MOST_FRAMES);
+    const known = typeof tracker.source.value?.frames === "number";
+    return shownFrames(tracker.there.value, known ? tracker.expected.value : null, MOST_FRAMES);
   }
   private xOf(frame: number): number {
     const { from, to } = this.span;

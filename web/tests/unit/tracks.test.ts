@@ -154,6 +154,7 @@ test("a lane is cut where its look changes", () => {
 });
 
 test("a timeline shows all of a file, and the newest of an endless camera", () => {
+  expect(shownFrames(1, 3, 1000)).toEqual({ from: 0, to: 2 });
   expect(shownFrames(3, 160, 1000)).toEqual({ from: 0, to: 159 });
   expect(shownFrames(3, null, 1000)).toEqual({ from: 0, to: 47 });
   expect(shownFrames(5000, null, 1000)).toEqual({ from: 4000, to: 4999 });
