@@ -186,6 +186,30 @@ TEST_F(WebServerTest, AClientThatHasSaidAllAndLeavesTakesItsSessionAlong) {
   }
 }
 
+// At points in time that differ from run to run.
+void ComeAndGo(int port, unsigned seed) {
+  std::mt19937 random(seed);
+  v1::TrackRequest config;
+  *config.mutable_config() = ToProto(JpegConfig());
+  for (int i = 0; i < 50; ++i) {
+    SocketCall call(port);
+    const auto steps = static_cast<int>(random() % 8);
+    if (steps > 0) call.Send(config);
+    if (steps > 1) call.SendFrames(steps - 1);
+    if (random() % 3 == 0) call.Finish();
+    if (steps > 0 && random() % 3 == 0) (void)call.Read();
+    call.Leave(/*cleanly=*/random() % 4 == 0);
+  }
+}
+
+TEST_F(WebServerTest, LeavingAtAnyMomentLeavesNothingBehind) {
+  std::vector<std::thread> clients;
+  for (unsigned seed = 0; seed < 4; ++seed) clients.emplace_back(ComeAndGo, port(), seed);
+  for (std::thread& client : clients) client.join();
+  server_.server().Drain();  // returns once the last stream is gone
+  EXPECT_EQ(engine_.live_sessions(), 0);
+}
+
 TEST_F(WebServerTest, WhoOffersAnotherProtocolGetsNoSocket) {
   EXPECT_EQ(AskForSocket(port(), {}), 426U);
   EXPECT_EQ(AskForSocket(port(), {{"Sec-WebSocket-Protocol", "holdfast.v2"}}), 426U);
