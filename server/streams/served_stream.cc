@@ -35,6 +35,10 @@ ServedStream::ServedStream(Deps deps, Gatekeeper::Pass pass, TraceContext trace,
       log_(deps_.log),
       last_activity_(started_) {}
 
+// That the carrier's last event has returned is ordered by means of the carrier's own; the lock makes it seen by who
+// knows locks alone.
+ServedStream::~ServedStream() { const absl::MutexLock lock(&mutex_); }
+
 void ServedStream::Begin() {
   absl::MutexLock lock(&mutex_);
   carrier_.StartRead();

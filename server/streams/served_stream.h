@@ -64,6 +64,7 @@ class ServedStream final : private SessionListener {
   // 'pass' says whose stream this is and is given back with it, 'trace' where it belongs. 'carrier' outlives the
   // stream.
   ServedStream(Deps deps, Gatekeeper::Pass pass, TraceContext trace, StreamCarrier& carrier);
+  ~ServedStream() override ABSL_LOCKS_EXCLUDED(mutex_);
   // Starts the first read. Call it once, when the carrier is ready.
   void Begin() ABSL_LOCKS_EXCLUDED(mutex_);
 
