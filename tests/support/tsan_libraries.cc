@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // For builds with ThreadSanitizer only: what it must be told of the distribution's libraries, which are not
-// instrumented. absl's mutexes order what they guard without the sanitizer seeing it; the definitions here stand before
-// the library's and say so, the library does the work.
+// instrumented. absl's mutexes and OpenMP's regions order what they guard and run without the sanitizer seeing it; the
+// definitions here stand before the library's and say so, the library does the work.
 #include <dlfcn.h>
 #include <sanitizer/tsan_interface.h>
 
@@ -40,11 +40,10 @@ class IgnoreConditions {
 
 // absl::Status counts its references in the library; GDAL, which OpenCV's codecs load, orders its own locks; gRPC hands
 // calls and messages from thread to thread by atomics of its own, partly from within its headers; the barriers of
-// OpenMP order what its threads do, and those of OpenCV's pool what runs beneath it.
+// OpenCV's pool order what runs beneath it.
 extern "C" const char* __tsan_default_suppressions() {
   return "race:absl::*Status::Unref\n"
          "deadlock:libgdal\n"
-         "race:at::internal::invoke_parallel\n"
          "race:libopencv_core\n"
          "race:grpc::internal::ServerCallbackCall::Ref\n"
          "race:grpc::internal::ServerCallbackCall::Un\n"
@@ -59,6 +58,26 @@ extern "C" const char* __tsan_default_suppressions() {
 }
 
 extern "C" const char* __tsan_default_options() { return "ignore_noninstrumented_modules=1"; }
+
+// A parallel region: its threads begin after what came before it, and end before what comes after it.
+extern "C" void GOMP_parallel(void (*work)(void*), void* data, unsigned threads, unsigned flags) {
+  struct Region {
+    void (*work)(void*);
+    void* data;
+  };
+  using ParallelFunction = void (*)(void (*)(void*), void*, unsigned, unsigned);
+  static const auto library = reinterpret_cast<ParallelFunction>(dlsym(RTLD_NEXT, "GOMP_parallel"));
+  Region region{work, data};
+  __tsan_release(&region);
+  const auto run = [](void* of) {
+    __tsan_acquire(of);
+    const Region& it = *static_cast<const Region*>(of);
+    it.work(it.data);
+    __tsan_release(of);
+  };
+  library(run, &region, threads, flags);
+  __tsan_acquire(&region);
+}
 
 namespace absl {
 ABSL_NAMESPACE_BEGIN
