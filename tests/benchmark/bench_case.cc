@@ -21,7 +21,7 @@ void RegisterCase(BenchCase bench) {
   const std::string name = bench.name.Text();
   auto measure = [bench = std::move(bench), first = true,
                   peak = std::optional<int64_t>()](benchmark::State& state) mutable {
-    const c10::InferenceMode guard;
+    const torch::NoGradGuard guard;
     torch::set_num_threads(bench.name.threads);
     const std::function<void()> run = bench.prepare();
     if (std::exchange(first, false)) {

@@ -44,7 +44,7 @@ BENCHMARK(BM_CorrelationGradient)->Arg(kFloat)->Arg(kHalf)->UseRealTime();
 // Three pixels wide, of float32 maps without a gradient. Arguments: channels of x and of the result, height (1: over
 // time), width, batch.
 void BM_Convolution(benchmark::State& state) {
-  const c10::InferenceMode guard;
+  const torch::NoGradGuard guard;
   const torch::Tensor x = torch::randn({state.range(4), state.range(0), state.range(2), state.range(3)})
                               .contiguous(torch::MemoryFormat::ChannelsLast);
   if (state.range(2) > 1) {
