@@ -21,6 +21,9 @@ endfunction()
 # Compiles up to HOLDFAST_UNITY sources of every target as one. CMake's own way names them by their full paths, so that
 # ccache would take the same unit of another checkout for a different one.
 function(holdfast_unite_sources)
+  if(NOT HOLDFAST_UNITY MATCHES "^[1-9][0-9]*$")
+    message(FATAL_ERROR "HOLDFAST_UNITY is ${HOLDFAST_UNITY}, expected a number of sources, at least 1")
+  endif()
   get_property(targets GLOBAL PROPERTY HOLDFAST_TARGETS)
   foreach(target ${targets})
     _holdfast_unite(${target})
