@@ -173,9 +173,7 @@ HOLDFAST_INLINE Scratch Divide(const ConvolutionMaps& m, int64_t group, float* m
   return scratch;
 }
 
-HOLDFAST_INLINE int64_t PartsOfImage(const ConvolutionMaps& m) {
-  return (m.out_height + PartLines(m) - 1) / PartLines(m);
-}
+HOLDFAST_INLINE int64_t PartsOfImage(const ConvolutionMaps& m) { return PartsOf(m, m.out_height); }
 
 template <int64_t kWidth>
 HOLDFAST_INLINE void ConvolveGroups(const ConvolutionMaps& maps, float* memory, int64_t begin, int64_t end) {

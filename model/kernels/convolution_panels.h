@@ -55,6 +55,10 @@ HOLDFAST_INLINE void Transpose(const float* from, int64_t step, int64_t depth, i
   }
 }
 
+HOLDFAST_INLINE void PackBias(const ConvolutionMaps& m, int64_t first, int64_t used, float* to) {
+  for (int64_t o = 0; o < used; ++o) to[o] = m.bias == nullptr ? 0.0f : m.bias[first + o];
+}
+
 // Rows of the input that a group of rows of the result needs, with zeros around them, and room for its sums.
 struct Rows {
   float* first;

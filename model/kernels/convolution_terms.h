@@ -3,9 +3,8 @@
 // three pixels wide make of four pixels d by six products a channel, are made of four, the terms:
 //   m0 = (d0 - d2) g0, m1 = (d1 + d2) (g0 + g1 + g2) / 2, m2 = (d2 - d1) (g0 - g1 + g2) / 2, m3 = (d1 - d3) g2
 //   y0 = m0 + m1 + m2, y1 = m1 - m2 - m3
-// Kernels of three lines take terms of those terms, of four rows: sixteen products for a square of four pixels instead
-// of
-// 36. A part of the result is a row, or two rows of a map. Included by kernels alone.
+// Kernels of three lines take terms of those terms, of four rows: a square of four pixels costs sixteen products,
+// not 36. A part of the result is a row, or two rows of a map. Included by kernels alone.
 #pragma once
 
 #include <algorithm>
@@ -25,6 +24,10 @@ HOLDFAST_INLINE bool TakesTerms(const ConvolutionMaps& m) {
 // Of a part: lines of terms, and of results.
 HOLDFAST_INLINE int64_t TermLines(const ConvolutionMaps& m) { return m.kernel_height == 3 ? kTerms : 1; }
 HOLDFAST_INLINE int64_t PartLines(const ConvolutionMaps& m) { return TakesTerms(m) && m.kernel_height == 3 ? 2 : 1; }
+// Of so many lines of a map's result.
+HOLDFAST_INLINE int64_t PartsOf(const ConvolutionMaps& m, int64_t lines) {
+  return (lines + PartLines(m) - 1) / PartLines(m);
+}
 HOLDFAST_INLINE int64_t Pairs(const ConvolutionMaps& m) { return (m.out_width + 1) / 2; }
 
 // Floats of a row of the input with zeros around it, [2 pairs + 2, C]; of its terms, [kTerms, pairs, C]; and of those
@@ -40,10 +43,6 @@ HOLDFAST_INLINE ConvolutionMaps TermOf(const ConvolutionMaps& m, int64_t panel) 
   term.width = term.out_width = Pairs(m);
   term.out_channels = panel;
   return term;
-}
-
-HOLDFAST_INLINE void PackBias(const ConvolutionMaps& m, int64_t first, int64_t used, float* to) {
-  for (int64_t o = 0; o < used; ++o) to[o] = m.bias == nullptr ? 0.0f : m.bias[first + o];
 }
 
 // From the weights g0, g1 and g2 at 0, 'step' and 3 'step' those of the terms, in place; of so many floats each.
@@ -81,23 +80,27 @@ HOLDFAST_INLINE void PackTerms(const ConvolutionMaps& m, int64_t first, int64_t 
   PackBias(m, first, used, to + (middle * kTerms + 1) * step);
 }
 
+template <typename V>
+HOLDFAST_INLINE void Split(const V (&d)[kTerms], V (&m)[kTerms]) {
+  m[0] = d[0] - d[2];
+  m[1] = d[1] + d[2];
+  m[2] = d[2] - d[1];
+  m[3] = d[1] - d[3];
+}
+
 // 'out' gets the four terms of the 'count' floats at each of 'd', one 'step' floats behind the other.
 template <int64_t kWidth>
 HOLDFAST_INLINE void MakeTerms(const float* const (&d)[kTerms], int64_t count, int64_t step, float* out) {
-  using V = Lanes<kWidth>;
   int64_t i = 0;
   for (; i + kWidth <= count; i += kWidth) {
-    const V d1 = Load<kWidth>(d[1] + i), d2 = Load<kWidth>(d[2] + i);
-    Store(Load<kWidth>(d[0] + i) - d2, out + i);
-    Store(d1 + d2, out + step + i);
-    Store(d2 - d1, out + 2 * step + i);
-    Store(d1 - Load<kWidth>(d[3] + i), out + 3 * step + i);
+    Lanes<kWidth> terms[kTerms];
+    Split({Load<kWidth>(d[0] + i), Load<kWidth>(d[1] + i), Load<kWidth>(d[2] + i), Load<kWidth>(d[3] + i)}, terms);
+    for (int64_t k = 0; k < kTerms; ++k) Store(terms[k], out + k * step + i);
   }
   for (; i < count; ++i) {
-    out[i] = d[0][i] - d[2][i];
-    out[step + i] = d[1][i] + d[2][i];
-    out[2 * step + i] = d[2][i] - d[1][i];
-    out[3 * step + i] = d[1][i] - d[3][i];
+    float terms[kTerms];
+    Split({d[0][i], d[1][i], d[2][i], d[3][i]}, terms);
+    for (int64_t k = 0; k < kTerms; ++k) out[k * step + i] = terms[k];
   }
 }
 
@@ -147,7 +150,7 @@ HOLDFAST_INLINE void StoreFirst(const V& value, int64_t count, float* to) {
 template <int64_t kWidth, int64_t kVectors, int64_t kLines>
 HOLDFAST_INLINE void JoinTerms(const ConvolutionMaps& m, const float* results, int64_t lines, int64_t first, float* y) {
   constexpr int64_t kPanel = kVectors * kWidth;
-  const int64_t step = (lines + kLines - 1) / kLines * Pairs(m) * kPanel;
+  const int64_t step = PartsOf(m, lines) * Pairs(m) * kPanel;
   for (int64_t top = 0; top < lines; top += kLines) {
     for (int64_t x = 0; x < m.out_width; x += 2, results += kPanel) {
       for (int64_t c = 0; c < kPanel && first + c < m.out_channels; c += kWidth) {
@@ -168,7 +171,7 @@ template <int64_t kWidth, int64_t kPixels, int64_t kVectors>
 HOLDFAST_INLINE void RunTerms(const ConvolutionMaps& m, const Rows& input, float* results, float* y, int64_t lines) {
   constexpr int64_t kPanel = kVectors * kWidth;
   const ConvolutionMaps term = TermOf(m, kPanel);
-  const int64_t parts = (lines + PartLines(m) - 1) / PartLines(m);
+  const int64_t parts = PartsOf(m, lines);
   const float* packed = m.packed;
   for (int64_t first = 0; first < m.out_channels; first += kPanel) {
     for (int64_t i = 0; i < TermLines(m) * kTerms; ++i, packed += (m.channels + 1) * kPanel) {

@@ -47,14 +47,17 @@ void BM_Convolution(benchmark::State& state) {
   const torch::NoGradGuard guard;
   const torch::Tensor x = torch::randn({state.range(4), state.range(0), state.range(2), state.range(3)})
                               .contiguous(torch::MemoryFormat::ChannelsLast);
+  const auto repeat = [&](const auto& conv) {
+    for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Convolve(x, conv));
+  };
   if (state.range(2) > 1) {
     torch::nn::Conv2d conv(torch::nn::Conv2dOptions(state.range(0), state.range(1), 3));
     UseChannelsLast(conv);
-    for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Convolve(x, conv));
+    repeat(conv);
   } else {
     Conv1d conv(torch::nn::Conv1dOptions(state.range(0), state.range(1), 3));
     conv->PackWeights();
-    for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(Convolve(x, conv));
+    repeat(conv);
   }
 }
 BENCHMARK(BM_Convolution)
