@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import { OBJECT_PLACES, type ObjectRun, type ObjectSample } from "./wire";
 
-/** Points are places here: whoever stands at one, it is one point to whoever looks. */
-interface Known extends Omit<ObjectSample, "joined"> {
+/** Points are places here (`left`, `joined`): whoever stands at one, it is one point to whoever looks. */
+interface Known extends ObjectSample {
   final: boolean;
 }
 
@@ -83,7 +83,7 @@ export class ObjectTrack {
       if (at < 0 || (i >= finalCount && this.known[at]?.final)) return;
       for (const point of joined) this.joins.set(point, firstFrame + i);
       const left = sample.left.filter((point) => this.stands(point, firstFrame + i)).map((point) => point % OBJECT_PLACES);
-      this.known[at] = { ...sample, left, final: i < finalCount };
+      this.known[at] = { ...sample, left, joined: joined.map((point) => point % OBJECT_PLACES), final: i < finalCount };
     });
     while (this.known[this.finals]?.final) ++this.finals;
   }

@@ -46,6 +46,7 @@ function jsonObject(object: ObjectTrack, { tracks, frames }: Table): string {
   const fields = [
     `"frames":${list(at, String)}`,
     `"id":${object.id}`,
+    `"joined":${list(samples, ({ joined }) => list(joined, (i) => String(object.pointAt(i))))}`,
     `"left":${list(samples, ({ left }) => list(left, (i) => String(object.pointAt(i))))}`,
     `"name":${JSON.stringify(object.name)}`,
     `"outline":${list(samples, ({ outline }) => list(outline, ([x, y]) => place(x, y)))}`,

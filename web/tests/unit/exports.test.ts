@@ -4,7 +4,8 @@ import { join } from "node:path";
 import { strToU8, unzipSync } from "fflate";
 import { expect, test } from "vitest";
 import { toCvat } from "../../src/exports/cvat";
-import { npyFile, toNpz } from "../../src/exports/npz";
+import { npyFile } from "../../src/exports/npy";
+import { toNpz } from "../../src/exports/npz";
 import type { Table } from "../../src/exports/table";
 import { fixed, to3de, toCsv, toDeepLabCut, toJson } from "../../src/exports/text";
 import { TrackStore } from "../../src/tracks";
@@ -62,10 +63,10 @@ test("CVAT's labels are in the order of their letters' bytes, and have no charac
 test("JSON has objects as the command line does, with the ids that its file has for their points", () => {
   const store = new TrackStore();
   const object = store.seedObject(1, 0);
-  store.apply([run(objectPointId(1, 0), 0, 2, 2), run(objectPointId(1, 2), 0, 2, 2)], [objectRun(1, 0, 2, 2, 0.25, [2])]);
+  store.apply([run(objectPointId(1, 0), 0, 2, 2), run(objectPointId(1, 2), 0, 2, 2)], [objectRun(1, 0, 2, 2, 0.25, [2], [2])]);
   const text = toJson(table({ tracks: [...store.tracks], objects: [object] }));
   expect(text.slice(text.lastIndexOf("\n],") + 1)).toBe(
-    '],\n"objects": [{"frames":[0,1],"id":1,"left":[[4],[4]],"name":"Object 1","outline":[[[0.0,1.0],[4.0,1.0],[0.0,8.0]],[[1.0,1.0],[5.0,1.0],[1.0,8.0]]],' +
+    '],\n"objects": [{"frames":[0,1],"id":1,"joined":[[4],[]],"left":[[4],[4]],"name":"Object 1","outline":[[[0.0,1.0],[4.0,1.0],[0.0,8.0]],[[1.0,1.0],[5.0,1.0],[1.0,8.0]]],' +
       '"points":[2,4],"rotation":[0.5,0.5],"scale":[1.0,1.0],"visible":[0.75,0.75],"xy":[[0.25,0.0],[1.25,2.0]]}]}\n',
   );
   expect(JSON.parse(text).objects[0].points).toEqual([2, 4]);
@@ -123,6 +124,37 @@ test("npz has what `holdfast track` writes, with NaN where nothing is known", ()
   expect([...new BigInt64Array(files["frames.npy"]!.slice(128).buffer)]).toEqual([0n, 1n, 2n]);
   expect([...new Float64Array(files["fps.npy"]!.slice(128).buffer)]).toEqual([10]);
   expect([...new BigInt64Array(files["expected_frames.npy"]!.slice(128).buffer)]).toEqual([5n]);
+});
+
+test("npz has objects as files of `holdfast track` do", () => {
+  const store = new TrackStore();
+  store.seed(1, 0);
+  const [object, later] = [store.seedObject(2, 0), store.seedObject(300, 1)];
+  object.given = "fish";
+  store.apply(
+    [run(1, 0, 3, 2), run(objectPointId(2, 0), 0, 3, 2), run(objectPointId(2, 1), 0, 3, 2)],
+    [objectRun(2, 0, 3, 2, 0.25, [1]), objectRun(300, 1, 1, 0, 0.5)],
+  );
+  const files = unzipSync(toNpz(table({ tracks: [...store.tracks], objects: [object, later] })));
+  const array = (name: string) => {
+    const file = files[`${name}.npy`]!;
+    return { header: new TextDecoder().decode(file.subarray(10, 128)), data: file.slice(128).buffer };
+  };
+  const floats = (name: string) => [...new Float32Array(array(name).data)];
+  const integers = (name: string) => [...new BigInt64Array(array(name).data)];
+  expect(integers("ids")).toEqual([1n, 3n, 4n]);
+  expect(integers("of_object")).toEqual([-1n, 2n, 2n]);
+  expect(integers("replaces")).toEqual([-1n, -1n, -1n]);
+  expect([...new Uint8Array(array("left").data)]).toEqual([0, 0, 0, 0, 0, 0, 1, 1, 1]);
+  expect(integers("object_ids")).toEqual([2n, 300n]);
+  expect(array("object_names").header).toContain("'<U10', 'fortran_order': False, 'shape': (2,)"); // "Object 300"
+  expect(array("object_centre").header).toContain("(2, 3, 2)");
+  expect(floats("object_centre")).toEqual([0.25, 0, 1.25, 2, 2.25, 4, NaN, NaN, 1.5, 2, NaN, NaN]);
+  expect(floats("object_scale")).toEqual([1, 1, 1, NaN, 1, NaN]);
+  expect(floats("object_visible")).toEqual([0.75, 0.75, 0.75, 0, 0.75, 0]);
+  expect(array("object_outline").header).toContain("(2, 3, 3, 2)");
+  expect(floats("object_outline").slice(0, 12)).toEqual([0, 1, 4, 1, 0, 8, 1, 1, 5, 1, 1, 8]);
+  expect(floats("object_outline").slice(18, 24)).toEqual(Array(6).fill(NaN));
 });
 
 test("names are texts of NumPy's, letters beyond 16 bits included", () => {
