@@ -51,16 +51,14 @@ int64_t Session::FlowBytes(const Options& options) {
 Session::Session(const Options& options, SessionListener& listener, Clock& clock, EngineMetrics& metrics,
                  Threads threads, std::unique_ptr<Admission::Ticket> ticket)
     : options_(options),
-      listener_(listener),
-      tell_work_(listener.wants_work()),
       clock_(clock),
       metrics_(metrics),
       threads_(std::move(threads)),
       inbox_(options.inbox),
       flow_(MakeFlow(options)),
       polish_(options.accepted.polish ? std::make_unique<SessionPolish>(*flow_) : nullptr),
-      latency_(metrics),
-      objects_(options.provisional, {options.windows.frames, options.windows.revise_last ? 0 : options.windows.hop}),
+      report_(options.provisional, {options.windows.frames, options.windows.revise_last ? 0 : options.windows.hop},
+              listener, clock, metrics, inbox_),
       ticket_(std::move(ticket)),
       tracks_(options.windows, options.provisional, options.confidence),
       reseeding_(options.accepted.processing_size, inbox_, tracks_, flow_.get()) {}
@@ -83,8 +81,7 @@ absl::StatusOr<Room> Session::PushFrame(Frame frame) {
   if (absl::IsInvalidArgument(room.status()) && room.status() != inbox_.end_status())
     metrics_.FrameDone(FrameResult::kRejected);
   if (!room.ok() || index < options_.accepted.first_frame) return room;
-  latency_.Arrived(now);
-  capture_times_.Push(capture_time);
+  report_.Arrived(now, capture_time);
   if (index == 0 && flow_ != nullptr) SetFlowGeometry();
   threads_.submit([self = shared_from_this(), index] {
     self->Decode(index);
@@ -124,17 +121,15 @@ void Session::Decode(int64_t index) {
   const bool rejected = !image.ok();
   if (inbox_.SetDecoded(index, std::move(image), end) && rejected) metrics_.FrameDone(FrameResult::kRejected);
   metrics_.StageTook(Stage::kDecode, Between(begin, end));
-  TellWork({Stage::kDecode, begin, end, index, 1});
+  report_.Work({Stage::kDecode, begin, end, index, 1});
 }
 
 absl::Status Session::PlaceObjects(int64_t index, absl::Span<const WaitingObject> objects, const GrayImage& gray) {
   for (const WaitingObject& object : objects) {
     const absl::StatusOr<PlacedObject> placed = PlaceObject(object.query, object.field, inbox_.frame_size(), gray);
     if (!placed.ok()) return placed.status();
-    {
-      absl::MutexLock lock(&emit_mutex_);
-      objects_.Add(object.query, index, placed->shape, placed->points);
-    }
+    report_.WithObjects(
+        [&](SessionObjects& objects) { objects.Add(object.query, index, placed->shape, placed->points); });
     inbox_.PlaceObject(object.query.id, index, placed->points);
   }
   return absl::OkStatus();
@@ -159,7 +154,7 @@ void Session::AdvanceFlow() {
         metrics_.StageTook(Stage::kFlow, Between(begin, end));
         begin = end;
       }
-      DeliverLive();
+      report_.Live(*flow_);
     } while (!flow_->EndSteps());
   });
   threads_.notify();  // windows may have their starts now
@@ -207,10 +202,7 @@ int64_t Session::FramesReady() const {
 
 std::vector<DecodedFrame> Session::TakeFrames(int64_t count) {
   SessionInbox::Taken taken = inbox_.TakeFrames(count);
-  if (taken.room) {
-    absl::MutexLock lock(&emit_mutex_);
-    listener_.OnRoomForFrame();
-  }
+  if (taken.room) report_.RoomForFrame();
   const SteadyTime now = clock_.SteadyNow();
   for (const DecodedFrame& frame : taken.frames) metrics_.StageTook(Stage::kQueue, Between(frame.decoded, now));
   return std::move(taken.frames);
@@ -220,7 +212,7 @@ void Session::Admit(const DecodedFrame& frame, FrameFeaturesPtr features, Tracke
   if (frame.index == 0) tracks_.SetGeometry(geometry());
   tracks_.AddFrame(std::move(features));
   summary_.frames = std::max(summary_.frames, frame.index + 1);
-  frames_processed_ = summary_.frames;
+  report_.Processed(summary_.frames);
   metrics_.FrameDone(FrameResult::kTracked);
   metrics_.SessionLag(inbox_.frames_received() - summary_.frames);
   ApplyOps(model);
@@ -250,11 +242,8 @@ void Session::ApplyOps(TrackerModel& model) {
 }
 
 void Session::Remove(const PointOp& removal) {
-  std::vector<PointId> points;
-  {
-    absl::MutexLock lock(&emit_mutex_);
-    points = objects_.Remove(removal.query.id, removal.frame);
-  }
+  const std::vector<PointId> points =
+      report_.WithObjects([&](SessionObjects& objects) { return objects.Remove(removal.query.id, removal.frame); });
   for (const PointId id : points) {
     tracks_.Remove(id, removal.frame);
     // Of a point that was placed anew the flow was told another id.
@@ -266,21 +255,13 @@ void Session::Remove(const PointOp& removal) {
 
 bool Session::ReseedObjects(TrackerModel& model) {
   const int64_t before = tracks_.tracks();
-  std::optional<int64_t> points;
-  {
-    absl::MutexLock lock(&emit_mutex_);
-    points = reseeding_.Run(objects_, model);
-  }
+  const std::optional<int64_t> points =
+      report_.WithObjects([&](SessionObjects& objects) { return reseeding_.Run(objects, model); });
   if (!points) return false;
   summary_.points += *points;
   CountPoints(before);
   SubmitFlow();
   return true;
-}
-
-bool Session::AnyMeeting() {
-  absl::MutexLock lock(&emit_mutex_);
-  return objects_.AnyMeeting();
 }
 
 void Session::CountPoints(int64_t before) {
@@ -290,20 +271,19 @@ void Session::CountPoints(int64_t before) {
   if (ticket_ != nullptr) ticket_->SetPoints(tracks_.tracks());
 }
 
-std::vector<DueRow> Session::DueRows() const {
+std::vector<DueRow> Session::DueRows() {
   // Who resumes a session that is suspended says how it ends.
   const bool ended = inbox_.drained() && !inbox_.suspended() && !CatchingUp();
   std::vector<DueRow> rows = tracks_.Due(ended);
   // Nobody else's windows wait for who speaks to the listener.
   const auto of_object = [](const DueRow& row) { return IsObjectPoint(row.track->id()); };
   if (std::any_of(rows.begin(), rows.end(), of_object)) {
-    absl::MutexLock lock(&emit_mutex_);
-    rows.erase(std::remove_if(rows.begin(), rows.end(),
-                              [this](const DueRow& row) {
-                                emit_mutex_.AssertHeld();
-                                return objects_.Holds(row.track->id(), row.track->oldest_frame_needed());
-                              }),
-               rows.end());
+    report_.WithObjects([&](const SessionObjects& objects) {
+      const auto waits = [&](const DueRow& row) {
+        return objects.Holds(row.track->id(), row.track->oldest_frame_needed());
+      };
+      rows.erase(std::remove_if(rows.begin(), rows.end(), waits), rows.end());
+    });
   }
   if (!options_.accepted.motion_prior) return rows;
   rows.erase(std::remove_if(rows.begin(), rows.end(),
@@ -367,60 +347,16 @@ bool Session::FinishPolish() {
 
 void Session::Deliver(std::vector<PointRun> runs, absl::Span<const TrackSet::Dropped> ended) {
   for (const PointRun& run : runs) summary_.final_samples += run.final_count;
-  absl::MutexLock lock(&emit_mutex_);
-  for (const TrackSet::Dropped& track : ended) objects_.Close(track.id, track.frame);
-  objects_.Reach(tracks_.cache().newest());
-  EmitLocked(std::move(runs));
-}
-
-void Session::DeliverLive() {
-  // Under the lock, so that no estimate of a window overtakes one that it revises.
-  absl::MutexLock lock(&emit_mutex_);
-  if (told_done_) return;
-  std::vector<PointRun> runs = flow_->TakeLive();
-  if (!runs.empty()) EmitLocked(std::move(runs));
-}
-
-void Session::EmitLocked(std::vector<PointRun> runs) {
-  const SteadyTime begin = clock_.SteadyNow();
-  std::vector<ObjectRun> objects = objects_.Report(runs);
-  if (runs.empty() && objects.empty()) return;
-  for (const PointRun& run : runs) {
-    latency_.Estimated(run.first_frame, run.first_frame + static_cast<int64_t>(run.x.size()), begin);
-  }
-  const int64_t first_frame = runs.empty() ? objects.front().first_frame : runs.front().first_frame;
-  const int64_t points = static_cast<int64_t>(runs.size());
-  std::vector<FrameTime> times = capture_times_.Of(runs);
-  SendLocked({std::move(runs), inbox_.frames_received(), frames_processed_, std::move(times), std::move(objects)});
-  const SteadyTime end = clock_.SteadyNow();
-  metrics_.StageTook(Stage::kEmit, Between(begin, end));
-  if (tell_work_) listener_.OnWork({Stage::kEmit, begin, end, first_frame, points});
-}
-
-void Session::SendLocked(TrackUpdate update) {
-  told_processed_ = update.frames_processed;
-  listener_.OnTracks(std::move(update));
-}
-
-void Session::TellProgress() {
-  if (tracks_.tracks() > 0) return;  // their estimates say it
-  absl::MutexLock lock(&emit_mutex_);
-  if (told_processed_ < frames_processed_) SendLocked({{}, inbox_.frames_received(), frames_processed_});
-}
-
-void Session::TellWork(const StageWork& work) {
-  if (!tell_work_) return;
-  absl::MutexLock lock(&emit_mutex_);
-  if (!told_done_) listener_.OnWork(work);
+  report_.Tracks(std::move(runs), ended, tracks_.cache().newest());
 }
 
 void Session::TellEncoded(const std::vector<DecodedFrame>& frames, SteadyTime begin, SteadyTime end) {
-  TellWork({Stage::kEncode, begin, end, frames.front().index, static_cast<int64_t>(frames.size())});
+  report_.Work({Stage::kEncode, begin, end, frames.front().index, static_cast<int64_t>(frames.size())});
 }
 
 void Session::TellRefined(absl::Span<const DueRow> rows, SteadyTime begin, SteadyTime end) {
   if (rows.empty()) return;  // others had their turn
-  TellWork({Stage::kRefine, begin, end, rows.front().plan.first, static_cast<int64_t>(rows.size())});
+  report_.Work({Stage::kRefine, begin, end, rows.front().plan.first, static_cast<int64_t>(rows.size())});
 }
 
 void Session::EndTracks() {
@@ -435,16 +371,10 @@ void Session::EndTracks() {
 }
 
 void Session::Evict() {
-  int64_t keep;
-  {
-    absl::MutexLock lock(&emit_mutex_);
-    keep = objects_.oldest_meeting();
-  }
-  tracks_.Evict(keep);
+  tracks_.Evict(report_.WithObjects([](const SessionObjects& objects) { return objects.oldest_meeting(); }));
   if (flow_ != nullptr) flow_->EvictBefore(std::min(tracks_.cache().oldest(), tracks_.oldest_for_polish()));
   const int64_t reported = tracks_.reported_before();
-  latency_.Final(reported, clock_.SteadyNow());
-  capture_times_.EvictBefore(std::min(reported, tracks_.cache().oldest()));
+  report_.Final(reported, std::min(reported, tracks_.cache().oldest()));
 }
 
 absl::Status Session::FlowFailure() {
@@ -473,11 +403,13 @@ bool Session::FinishTurn(TrackerModel& model) {
     return false;
   }
   StartPolish();
-  TellProgress();
+  if (tracks_.tracks() == 0) report_.Progress();  // otherwise estimates say it
   Evict();
   StartCheckpoint();
   if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return busy;
-  if (tracks_.AnyUnpolished() && AnyMeeting()) return busy;  // the last windows may be those of points to come
+  const auto any_meeting = [](const SessionObjects& objects) { return objects.AnyMeeting(); };
+  // The last windows may be those of points to come.
+  if (tracks_.AnyUnpolished() && report_.WithObjects(any_meeting)) return busy;
   tracks_.FinalizeAll();
   StartPolish();
   if (tracks_.AnyUnpolished()) return busy;
@@ -486,7 +418,7 @@ bool Session::FinishTurn(TrackerModel& model) {
   if (flow_ != nullptr) flow_->Close();  // no instant estimate may follow final ones
   CountPoints(left);
   Deliver(std::move(last));
-  latency_.Final(tracks_.reported_before(), clock_.SteadyNow());
+  report_.Final(tracks_.reported_before(), tracks_.cache().oldest());
   Close(inbox_.end_status());
   return false;
 }
@@ -500,11 +432,7 @@ void Session::Close(const absl::Status& status) {
   CountPoints(tracks_.Clear());
   metrics_.SessionClosed(OutcomeOf(status, inbox_.suspended()));
   ticket_.reset();  // before OnSessionDone: who hears of the end may come back at once
-  {
-    absl::MutexLock lock(&emit_mutex_);
-    told_done_ = true;
-    listener_.OnSessionDone(status, summary_);
-  }
+  report_.Done(status, summary_);
   absl::MutexLock lock(&done_mutex_);
   done_ = true;
   done_changed_.SignalAll();

@@ -16,16 +16,14 @@
 #include "api/clock.h"
 #include "api/types.h"
 #include "server/engine/admission.h"
-#include "server/engine/capture_times.h"
 #include "server/engine/checkpoint_sealer.h"
 #include "server/engine/engine.h"
 #include "server/engine/input/point_queue.h"
 #include "server/engine/input/session_inbox.h"
-#include "server/engine/latency_log.h"
 #include "server/engine/metrics.h"
 #include "server/engine/session_flow.h"
-#include "server/engine/session_objects.h"
 #include "server/engine/session_polish.h"
+#include "server/engine/session_report.h"
 #include "server/engine/session_reseeding.h"
 #include "server/engine/session_state.h"
 #include "server/engine/tracker_model.h"
@@ -89,7 +87,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // Points added or removed at frames that are there.
   void ApplyOps(TrackerModel& model);
   // Rows whose starts are known.
-  std::vector<DueRow> DueRows() const;
+  std::vector<DueRow> DueRows();
   // Fills the starts in. REQUIRES: 'rows' came from DueRows.
   void AddStarts(std::vector<DueRow>& rows) const;
   const TrackSet& tracks() const { return tracks_; }
@@ -105,7 +103,7 @@ class Session : public std::enable_shared_from_this<Session> {
   bool FinishTurn(TrackerModel& model);
   // All that it takes to go on elsewhere, as before what was said about points at the newest frame, which comes again.
   // REQUIRES: that frame is not the first, whose points came with the configuration.
-  SessionState State() ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  SessionState State();
   // Ends the session as it stands.
   void Close(const absl::Status& status);
 
@@ -113,10 +111,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // On a thread of the decode pool.
   void Decode(int64_t index);
   // Those that are queried at the frame, which is 'gray'.
-  absl::Status PlaceObjects(int64_t index, absl::Span<const WaitingObject> objects, const GrayImage& gray)
-      ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  absl::Status PlaceObjects(int64_t index, absl::Span<const WaitingObject> objects, const GrayImage& gray);
   void AdvanceFlow();
-  void DeliverLive() ABSL_LOCKS_EXCLUDED(emit_mutex_);
   // Polishes one frame and comes again until all are done.
   void PolishNextFrame();
   // What the work throws ends the session.
@@ -124,7 +120,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // AdvanceFlow on the decode pool, unless a job waits there that will do.
   void SubmitFlow();
   // Seals 'state' and sends it, or says that there is no checkpoint any more.
-  void SendCheckpoint(const SessionState& state) ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  void SendCheckpoint(const SessionState& state);
   // Once the first frame has come.
   ImageSize flow_size() const { return FlowSize(inbox_.frame_size(), options_.accepted.processing_size); }
 
@@ -133,10 +129,6 @@ class Session : public std::enable_shared_from_this<Session> {
   void FetchOps(int64_t newest, bool applied) ABSL_LOCKS_EXCLUDED(ops_mutex_);
   std::vector<PointOp> TakeOps(int64_t newest) ABSL_LOCKS_EXCLUDED(ops_mutex_);
   bool AnyOps() ABSL_LOCKS_EXCLUDED(ops_mutex_);
-  // To a listener that wants to know.
-  void TellWork(const StageWork& work) ABSL_LOCKS_EXCLUDED(emit_mutex_);
-  void EmitLocked(std::vector<PointRun> runs) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
-  void SendLocked(TrackUpdate update) ABSL_EXCLUSIVE_LOCKS_REQUIRED(emit_mutex_);
 
   FrameGeometry geometry() const {
     return FrameGeometry(inbox_.frame_size(), options_.accepted.processing_size, options_.stride);
@@ -144,13 +136,12 @@ class Session : public std::enable_shared_from_this<Session> {
   void SetFlowGeometry();
   void RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patch);
   static SessionFlow::Base BaseOf(const PointTrack& track, bool early);
+  // As before what was said about the track's point at 'taken_frame'.
+  SessionState::Track SavedTrack(const PointTrack& track, int64_t taken_frame) const;
 
   // On the compute thread.
   // 'ended': tracks whose last runs these are.
-  void Deliver(std::vector<PointRun> runs, absl::Span<const TrackSet::Dropped> ended = {})
-      ABSL_LOCKS_EXCLUDED(emit_mutex_);
-  // A client that goes by how far the session is hears of it where there is no point to speak of.
-  void TellProgress() ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  void Deliver(std::vector<PointRun> runs, absl::Span<const TrackSet::Dropped> ended = {});
   void StartChains(absl::Span<const DueRow> rows);
   void StartPolish();
   bool FinishPolish();
@@ -162,15 +153,12 @@ class Session : public std::enable_shared_from_this<Session> {
   void EndTracks();
   void Evict();
   absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
-  void Remove(const PointOp& removal) ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  void Remove(const PointOp& removal);
   // Places points anew where objects have lost some by their final word. True: there were such objects.
-  bool ReseedObjects(TrackerModel& model) ABSL_LOCKS_EXCLUDED(emit_mutex_);
-  bool AnyMeeting() ABSL_LOCKS_EXCLUDED(emit_mutex_);
+  bool ReseedObjects(TrackerModel& model);
   void CountPoints(int64_t before);
 
   const Options options_;
-  SessionListener& listener_;
-  const bool tell_work_;
   Clock& clock_;
   EngineMetrics& metrics_;
   const Threads threads_;
@@ -180,18 +168,8 @@ class Session : public std::enable_shared_from_this<Session> {
   const std::unique_ptr<SessionPolish> polish_;  // null: not asked for
   absl::Mutex ops_mutex_;                        // held while operations are moved, so that they keep their order
   std::deque<PointOp> ops_ ABSL_GUARDED_BY(ops_mutex_);  // known to the flow, not to the tracks yet
-  LatencyLog latency_;
-  CaptureTimes capture_times_;
-  std::atomic<int64_t> frames_processed_{0};
+  SessionReport report_;
 
-  // Held in every call of the listener, so that they come one at a time.
-  mutable absl::Mutex emit_mutex_;
-  bool told_done_ ABSL_GUARDED_BY(emit_mutex_) = false;
-  int64_t told_processed_ ABSL_GUARDED_BY(emit_mutex_) = 0;  // frames_processed of the newest update
-  SessionObjects objects_ ABSL_GUARDED_BY(emit_mutex_);
-
-  // taken_frame of the newest checkpoint that was sent: the last one of a session may overtake one that is being made.
-  int64_t checkpoint_sent_ ABSL_GUARDED_BY(emit_mutex_) = -1;
   std::atomic<bool> sealing_{false};   // a checkpoint is being made
   std::atomic<bool> outgrown_{false};  // the state does not fit into a token any more
 

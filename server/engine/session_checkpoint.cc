@@ -13,9 +13,7 @@ namespace holdfast {
 void Session::Resume(SessionState state) {
   taken_frame_ = checkpoint_frame_ = state.taken_frame;
   summary_ = state.summary;
-  frames_processed_ = summary_.frames;
-  latency_.StartAt(state.next_frame, state.taken_frame + 1);
-  capture_times_.StartAt(state.next_frame);
+  report_.Resume(state);
   tracks_.SetGeometry(geometry());
   tracks_.StartAt(state.next_frame);
   if (flow_ != nullptr) {
@@ -28,9 +26,6 @@ void Session::Resume(SessionState state) {
       RestoreFlow(track, saved.patch ? ReadPatch(saved.patch->at, saved.patch->code) : std::nullopt);
   }
   CountPoints(0);
-  absl::MutexLock lock(&emit_mutex_);
-  told_processed_ = frames_processed_;
-  for (ObjectState& object : state.objects) objects_.Restore(std::move(object));
 }
 
 void Session::RestoreFlow(const PointTrack& track, std::optional<FlowPatch> patch) {
@@ -61,17 +56,23 @@ SessionState Session::State() {
   state.next_serial = inbox_.next_serial();
   state.summary = summary_;
   if (newest_seeds_.frame == state.taken_frame) state.summary.points -= newest_seeds_.count;
-  absl::MutexLock lock(&emit_mutex_);
-  for (const auto& track : tracks_.all()) {
-    if (track->seed().frame == state.taken_frame && !objects_.WasPlacedAnew(track->id(), state.taken_frame)) continue;
-    SessionState::Track& saved = state.tracks.emplace_back();
-    saved.state = track->state();
-    if (saved.state.ending && saved.state.ending->last_frame == state.taken_frame) saved.state.ending.reset();
-    if (flow_ == nullptr) continue;
-    if (const auto patch = flow_->PatchOf(track->serial())) saved.patch = {patch->at, patch->code};
-  }
-  state.objects = objects_.StatesBefore(state.taken_frame);
+  report_.WithObjects([&](const SessionObjects& objects) {
+    for (const auto& track : tracks_.all()) {
+      if (track->seed().frame < state.taken_frame || objects.WasPlacedAnew(track->id(), state.taken_frame))
+        state.tracks.push_back(SavedTrack(*track, state.taken_frame));
+    }
+    state.objects = objects.StatesBefore(state.taken_frame);
+  });
   return state;
+}
+
+SessionState::Track Session::SavedTrack(const PointTrack& track, int64_t taken_frame) const {
+  SessionState::Track saved;
+  saved.state = track.state();
+  if (saved.state.ending && saved.state.ending->last_frame == taken_frame) saved.state.ending.reset();
+  if (flow_ == nullptr) return saved;
+  if (const auto patch = flow_->PatchOf(track.serial())) saved.patch = {patch->at, patch->code};
+  return saved;
 }
 
 void Session::StartCheckpoint() {
@@ -99,11 +100,7 @@ void Session::SendCheckpoint(const SessionState& state) {
   sealed.Update(StatusOf(seal, "a checkpoint could not be made"));
   outgrown_ = !sealed.ok();
   checkpoint.resumable = sealed.ok() && options_.sealer->outlives_process();
-  absl::MutexLock lock(&emit_mutex_);
-  if (told_done_ || state.taken_frame < checkpoint_sent_) return;
-  checkpoint_sent_ = state.taken_frame;
-  if (!sealed.ok()) listener_.OnWarning(sealed);
-  listener_.OnCheckpoint(std::move(checkpoint));
+  report_.CheckpointTaken(state.taken_frame, sealed, std::move(checkpoint));
 }
 
 void Session::Suspend() {
