@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 import { effect, signal } from "@preact/signals";
+import { Emit, FrameEncoding } from "./gen/holdfast/v1/point_tracking_pb";
+import { makeConfig, type SessionConfig } from "./wire";
+
+const CHECKPOINT_FRAMES = 24; // between checkpoints
 
 /** What a user may choose. It is kept in the page's address, so that a link carries it; the defaults are left out. */
 export interface Settings {
@@ -56,6 +60,23 @@ export function formatSettings(settings: Settings): string {
     if (value !== usual) fragment.set(name, typeof value === "boolean" ? String(Number(value)) : String(value));
   }
   return fragment.toString();
+}
+
+/** What a session is asked for. */
+export function sessionConfig({ size, hop, iterations, live, prior, polish }: Settings): SessionConfig {
+  const [width, height] = size.split("x").map(Number);
+  const choice = (word: string) => (word ? { value: word === "on" } : null);
+  return makeConfig({
+    encoding: FrameEncoding.JPEG,
+    processingSize: width && height ? { width, height } : undefined,
+    hopFrames: hop,
+    iterations,
+    label: "web page",
+    emit: live ? Emit.EVERY_FRAME : Emit.WINDOWS,
+    motionPrior: choice(prior)?.value,
+    polish: choice(polish)?.value,
+    checkpointIntervalFrames: CHECKPOINT_FRAMES,
+  });
 }
 
 /** The page's settings, bound to its address. */

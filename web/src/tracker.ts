@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-import { batch, computed, signal } from "@preact/signals";
+import { batch, computed, type ReadonlySignal, signal } from "@preact/signals";
 import { Connection, type Link, type Observer, type World } from "./connection";
 import type { Table } from "./exports/table";
 import { Figures } from "./figures";
 import { FrameStore } from "./frames";
-import { Emit, FrameEncoding } from "./gen/holdfast/v1/point_tracking_pb";
+import { Playback } from "./playback";
 import { Points, type Shape } from "./points";
 import { type Answer, SessionState } from "./session";
-import type { Settings } from "./settings";
+import { sessionConfig, type Settings } from "./settings";
 import type { Source } from "./sources/source";
 import { TrackStore } from "./tracks";
-import { inWords, makeConfig, objectPointId, type ObjectRun, type Run, type SessionAccepted } from "./wire";
+import { inWords, objectPointId, type ObjectRun, type Run, type SessionAccepted } from "./wire";
 
 /**
  * empty -> loading -> ready -> running <-> paused -> finishing -> done; failed from any of them. A run can begin anew
@@ -22,8 +22,6 @@ export interface Notice {
   text: string;
   bad: boolean;
 }
-
-const CHECKPOINT_FRAMES = 24; // between checkpoints
 
 /** Follows points through the frames of a source: what the user does, what the server says, and what there is to see. */
 export class Tracker implements Observer {
@@ -39,7 +37,6 @@ export class Tracker implements Observer {
   readonly dropped = signal(0);
   readonly shown = signal(-1); // the frame on the stage
   readonly following = signal(true); // it is the newest one sent
-  readonly playing = signal(false); // through frames that were sent before
   readonly revision = signal(0); // of points and tracks
   /** Points or objects were placed on frames that had been sent: they are followed when the run begins anew. */
   readonly stale = signal(false);
@@ -55,6 +52,7 @@ export class Tracker implements Observer {
   readonly points = new Points();
   tracks = new TrackStore();
   figures = new Figures();
+  private readonly playback: Playback;
   private session: SessionState | null = null;
   private connection: Connection | null = null;
   private wakers: (() => void)[] = [];
@@ -66,7 +64,14 @@ export class Tracker implements Observer {
   constructor(
     private readonly world: World,
     private readonly settings: () => Settings,
-  ) {}
+  ) {
+    this.playback = new Playback(this.frames, this.shown, this.there, world);
+  }
+
+  /** Frames that were sent before are shown one after the other. */
+  get playing(): ReadonlySignal<boolean> {
+    return this.playback.playing;
+  }
 
   // --- What the user does.
 
@@ -106,14 +111,14 @@ export class Tracker implements Observer {
       return this.say("The first frames of this run are not kept any more: it cannot begin anew.", true);
     }
     this.endSession();
-    this.playing.value = false;
+    this.playback.stop();
     this.tracks = new TrackStore();
     this.figures = new Figures();
     for (const made of [...this.points.all, ...this.points.objects].sort((a, b) => a.id - b.id)) {
       if ("placed" in made) this.tracks.seed(made.id, made.placed[0]!.frame).name = made.name;
       else this.tracks.seedObject(made.id, made.frame).given = made.name;
     }
-    this.session = new SessionState(this.config());
+    this.session = new SessionState(sessionConfig(this.settings()));
     this.connection = new Connection(this.session, this.world, this);
     batch(() => {
       this.phase.value = "running";
@@ -132,7 +137,7 @@ export class Tracker implements Observer {
     if (phase === "ready" || phase === "failed") return this.start();
     if (phase === "running") return this.pause();
     if (phase === "paused") return this.goOn();
-    if (phase === "done") this.playing.value ? this.stopPlaying() : this.play();
+    if (phase === "done") this.playback.toggle();
   }
 
   pause(): void {
@@ -173,7 +178,7 @@ export class Tracker implements Observer {
   /** While something is drawn no frame is sent, and none is played, so that it is of the one that is shown. */
   hold(held: boolean): void {
     this.held = held;
-    held ? this.stopPlaying() : this.wake();
+    held ? this.playback.stop() : this.wake();
   }
 
   /**
@@ -227,7 +232,7 @@ export class Tracker implements Observer {
   show(frame: number): void {
     const newest = this.there.value - 1;
     batch(() => {
-      this.stopPlaying();
+      this.playback.stop();
       this.shown.value = Math.min(Math.max(frame, this.frames.first), newest);
       this.following.value = this.active.value && this.shown.value === this.sent.value - 1;
     });
@@ -235,7 +240,7 @@ export class Tracker implements Observer {
 
   /** Shows the newest frame sent, and those to come. */
   follow(): void {
-    this.stopPlaying();
+    this.playback.stop();
     this.following.value = true;
     this.shown.value = Math.max(0, this.sent.value - 1);
   }
@@ -408,46 +413,7 @@ export class Tracker implements Observer {
     }
   }
 
-  // --- Looking at what was.
-
-  private play(): void {
-    if (this.shown.value >= this.there.value - 1) this.shown.value = this.frames.first;
-    this.playing.value = true;
-    const step = (frame: number) => {
-      if (!this.playing.value || this.shown.value !== frame) return;
-      if (frame + 1 >= this.there.value) return this.stopPlaying();
-      const ms = 1000 * (this.frames.seconds(frame + 1) - this.frames.seconds(frame));
-      this.world.after(Math.max(4, ms), () => {
-        if (!this.playing.value || this.shown.value !== frame) return;
-        this.shown.value = frame + 1;
-        step(frame + 1);
-      });
-    };
-    step(this.shown.value);
-  }
-
-  private stopPlaying(): void {
-    this.playing.value = false;
-  }
-
   // --- Beginnings and ends.
-
-  private config() {
-    const { size, hop, iterations, live, prior, polish } = this.settings();
-    const [width, height] = size.split("x").map(Number);
-    const choice = (word: string) => (word ? { value: word === "on" } : null);
-    return makeConfig({
-      encoding: FrameEncoding.JPEG,
-      processingSize: width && height ? { width, height } : undefined,
-      hopFrames: hop,
-      iterations,
-      label: "web page",
-      emit: live ? Emit.EVERY_FRAME : Emit.WINDOWS,
-      motionPrior: choice(prior)?.value,
-      polish: choice(polish)?.value,
-      checkpointIntervalFrames: CHECKPOINT_FRAMES,
-    });
-  }
 
   private inside({ x, y }: { x: number; y: number }): [number, number] {
     const { width, height } = this.source.value!;
@@ -489,7 +455,8 @@ export class Tracker implements Observer {
     batch(() => {
       this.source.value = this.link.value = this.accepted.value = this.notice.value = null;
       this.loaded.value = this.sent.value = this.processed.value = this.dropped.value = 0;
-      this.stale.value = this.playing.value = false;
+      this.playback.stop();
+      this.stale.value = false;
       this.following.value = true;
       this.shown.value = -1;
       this.phase.value = "empty";
