@@ -18,15 +18,19 @@ function(_holdfast_common target pch)
   endif()
 endfunction()
 
-# Compiles up to HOLDFAST_UNITY sources of every target as one. CMake's own way names them by their full paths, so that
-# ccache would take the same unit of another checkout for a different one.
+# Compiles up to HOLDFAST_UNITY sources of every target as one, but for targets whose property HOLDFAST_ALONE is set.
+# CMake's own way names them by their full paths, so that ccache would take the same unit of another checkout for a
+# different one.
 function(holdfast_unite_sources)
   if(NOT HOLDFAST_UNITY MATCHES "^[1-9][0-9]*$")
     message(FATAL_ERROR "HOLDFAST_UNITY is ${HOLDFAST_UNITY}, expected a number of sources, at least 1")
   endif()
   get_property(targets GLOBAL PROPERTY HOLDFAST_TARGETS)
   foreach(target ${targets})
-    _holdfast_unite(${target})
+    get_target_property(alone ${target} HOLDFAST_ALONE)
+    if(NOT alone)
+      _holdfast_unite(${target})
+    endif()
   endforeach()
 endfunction()
 
