@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { ObjectTrack } from "../objects";
 import { integers, npyFile, texts } from "./npy";
-import type { Table } from "./table";
+import { framesOf, type Table } from "./table";
 
 type Arrays = Record<string, Uint8Array>;
 
@@ -12,8 +12,7 @@ function perFrame(
   const size = width.reduce((product, length) => product * length, 1);
   const all = new Float32Array(objects.length * frames * size).fill(unknown);
   objects.forEach((object, row) => {
-    for (let t = object.start; t < Math.min(object.end, frames); ++t)
-      if (object.has(t)) all.set(values(object, t), (row * frames + t) * size);
+    for (const t of framesOf(object, frames)) all.set(values(object, t), (row * frames + t) * size);
   });
   return npyFile("<f4", [objects.length, frames, ...width], all);
 }
@@ -22,8 +21,7 @@ function perFrame(
 function cornersOf({ objects, frames }: Table): number {
   let corners = 0;
   for (const object of objects)
-    for (let t = object.start; t < Math.min(object.end, frames); ++t)
-      corners = Math.max(corners, object.at(t)?.outline.length ?? 0);
+    for (const t of framesOf(object, frames)) corners = Math.max(corners, object.at(t)!.outline.length);
   return corners;
 }
 
@@ -32,8 +30,8 @@ function leftOf({ tracks, frames }: Table): Uint8Array {
   const left = new Uint8Array(tracks.length * frames);
   tracks.forEach(({ id, object }, row) => {
     if (object === null) return;
-    for (let t = object.start; t < Math.min(object.end, frames); ++t)
-      if (object.at(t)?.left.some((place) => object.pointAt(place) === id)) left[row * frames + t] = 1;
+    for (const t of framesOf(object, frames))
+      if (object.at(t)!.left.some((place) => object.pointAt(place) === id)) left[row * frames + t] = 1;
   });
   return npyFile("|b1", [tracks.length, frames], left);
 }

@@ -15,7 +15,7 @@ export interface Table {
   expectedFrames: number;
 }
 
-/** The frames on which a track has an estimate. */
-export function* framesOf(track: Track, frames: number): Generator<number> {
+/** The frames on which a point or an object has an estimate. */
+export function* framesOf(track: Track | ObjectTrack, frames: number): Generator<number> {
   for (let t = track.start; t < Math.min(track.end, frames); ++t) if (track.has(t)) yield t;
 }

@@ -38,8 +38,7 @@ function jsonPoint(track: Track, frames: number): string {
 }
 
 function jsonObject(object: ObjectTrack, { tracks, frames }: Table): string {
-  const at: number[] = [];
-  for (let t = object.start; t < Math.min(object.end, frames); ++t) if (object.has(t)) at.push(t);
+  const at = [...framesOf(object, frames)];
   const list = <T>(values: readonly T[], text: (value: T) => string) => `[${values.map(text).join(",")}]`;
   const place = (x: number, y: number) => `[${rounded(x)},${rounded(y)}]`;
   const samples = at.map((t) => object.at(t)!);
