@@ -373,8 +373,7 @@ void Session::EndTracks() {
 void Session::Evict() {
   tracks_.Evict(report_.WithObjects([](const SessionObjects& objects) { return objects.oldest_meeting(); }));
   if (flow_ != nullptr) flow_->EvictBefore(std::min(tracks_.cache().oldest(), tracks_.oldest_for_polish()));
-  const int64_t reported = tracks_.reported_before();
-  report_.Final(reported, std::min(reported, tracks_.cache().oldest()));
+  report_.Final(tracks_.reported_before(), tracks_.cache().oldest());
 }
 
 absl::Status Session::FlowFailure() {

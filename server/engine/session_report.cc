@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/session_report.h"
 
+#include <algorithm>
+
 #include "server/engine/objects/object_state.h"
 
 namespace holdfast {
@@ -31,7 +33,7 @@ void SessionReport::Arrived(SteadyTime when, std::optional<absl::Time> capture_t
 
 void SessionReport::Final(int64_t reported, int64_t oldest) {
   latency_.Final(reported, clock_.SteadyNow());
-  capture_times_.EvictBefore(oldest);
+  capture_times_.EvictBefore(std::min(reported, oldest));
 }
 
 void SessionReport::RoomForFrame() {

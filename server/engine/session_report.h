@@ -43,7 +43,7 @@ class SessionReport {
   void Arrived(SteadyTime when, std::optional<absl::Time> capture_time);
   // So many have been encoded.
   void Processed(int64_t frames) { processed_ = frames; }
-  // Those before 'reported' are final for every point, those before 'oldest' are forgotten.
+  // Those before 'reported' are final for every point; no window needs those before 'oldest' any more.
   void Final(int64_t reported, int64_t oldest);
 
   // --- What the listener is told.
