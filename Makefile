@@ -86,7 +86,7 @@ train-small: configure ## train preset small for TIME=30m on synthetic scenes (P
 format: deps ## format the C++ sources in place
 	$(CC_FILES) | xargs clang-format -i
 
-lint: ## check format, clang's thread-safety analysis and clang-tidy over the whole tree
+lint: ## check format, and the whole tree by clang-tidy and clang's thread-safety analysis
 	JOBS=$(JOBS) .ci/lint
 
 sanitize: ## run every test under AddressSanitizer with UndefinedBehaviorSanitizer, then under ThreadSanitizer
