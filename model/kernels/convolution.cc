@@ -12,10 +12,11 @@ namespace holdfast {
 namespace convolution {
 namespace {
 
-// The input's rows of a group are to stay in the second-level cache. Of terms one in four, or in sixteen, is looked at
-// at a time; weights are read once a group.
+// The input's rows of a group are to stay in the second-level cache. Of terms one in six, or in 24, is looked at at a
+// time; weights are read once a group.
 constexpr int64_t kGroupFloats = 48 * 1024;
 constexpr int64_t kGroupTermFloats = 128 * 1024;
+constexpr int64_t kGroupQuads = 128;  // at least: where they are too many for the cache, so are the weights
 
 // Panel after panel: the bias, then for each of the Depth inputs the weights of its channels; or those of the terms.
 template <int64_t kWidth>
@@ -38,14 +39,15 @@ HOLDFAST_INLINE void Pack(const ConvolutionMaps& m) {
 
 // Scratch memory of a thread.
 struct Scratch {
-  Rows rows;       // of the input, or terms of parts
-  float* line;     // where there are terms: a row of the input
-  float* terms;    // [4, kTerms, pairs, C], those of the last rows: row y is at y % 4
-  float* results;  // [term lines, kTerms, parts of the group, pairs, panel]
+  Rows rows;       // of the input
+  int64_t step;    // where there are terms: of the group, [terms, step] in place of the input's rows;
+  float* line;     // a row of the input;
+  float* terms;    // [4, kTerms, quads, C], those of the last rows for terms of lines: row y is at y % 4;
+  float* results;  // [terms, parts of the group, quads, panel]
 };
 
 HOLDFAST_INLINE int64_t RowFloats(const ConvolutionMaps& m) {
-  return TakesTerms(m) ? PartFloats(m) : (m.width + 2 * (m.kernel_width / 2)) * m.channels;
+  return TakesTerms(m) ? PartTerms(m) * TermFloats(m) : (m.width + 2 * (m.kernel_width / 2)) * m.channels;
 }
 
 // Rows of a map that has nothing above and below are rows of one tall map.
@@ -98,27 +100,43 @@ HOLDFAST_INLINE void GatherRow(const ConvolutionMaps& m, int64_t image_rows, int
   CopyRow<kWidth>(m, row, row / image_rows, floats, out);
 }
 
-// The terms of parts [first, first + count) of one map's result.
+// The terms of one row of the input, kTerms times [quads, C], one 'step' floats behind the other.
+template <int64_t kWidth>
+HOLDFAST_INLINE void GatherTermsOfRow(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t y,
+                                      int64_t step, const Scratch& scratch, float* out) {
+  GatherRow<kWidth>(m, image_rows, image, y, LineFloats(m), scratch.line);
+  MakeTermsOfLine<kWidth>(scratch.line, Quads(m), m.channels, step, out);
+}
+
+// The terms of parts [first, first + count) of one map's result, and of the rows that the kernel reaches around them.
 template <int64_t kWidth>
 HOLDFAST_INLINE void GatherTerms(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t first,
                                  int64_t count, const Scratch& scratch) {
+  float* to = scratch.rows.first;
+  for (int64_t i = 0; i < count + TermHeight(m) - 1; ++i, to += TermFloats(m)) {
+    GatherTermsOfRow<kWidth>(m, image_rows, image, first + i - m.kernel_height / 2, scratch.step, scratch, to);
+  }
+}
+
+// The same of lines that take terms, too.
+template <int64_t kWidth>
+HOLDFAST_INLINE void GatherTermsOfLines(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t first,
+                                        int64_t count, const Scratch& scratch) {
   float* part = scratch.rows.first;
-  for (int64_t i = 0; i < count; ++i, part += scratch.rows.floats) {
-    if (m.kernel_height == 1) {
-      GatherRow<kWidth>(m, image_rows, image, first + i, LineFloats(m), scratch.line);
-      MakeTermsOfLine<kWidth>(scratch.line, Pairs(m), m.channels, part);
-      continue;
-    }
-    const float* of_rows[kTerms];
-    for (int64_t k = 0; k < kTerms; ++k) {
+  for (int64_t i = 0; i < count; ++i, part += TermFloats(m)) {
+    const float* rows[kLineTerms];
+    for (int64_t k = 0; k < kLineTerms; ++k) {
       const int64_t y = 2 * (first + i) - 1 + k;
-      float* terms = scratch.terms + (y + kTerms) % kTerms * TermFloats(m);
-      of_rows[k] = terms;
+      float* terms = scratch.terms + (y + kLineTerms) % kLineTerms * kTerms * TermFloats(m);
+      rows[k] = terms;
       if (i > 0 && k < 2) continue;  // of the part before
-      GatherRow<kWidth>(m, image_rows, image, y, LineFloats(m), scratch.line);
-      MakeTermsOfLine<kWidth>(scratch.line, Pairs(m), m.channels, terms);
+      GatherTermsOfRow<kWidth>(m, image_rows, image, y, TermFloats(m), scratch, terms);
     }
-    MakeTerms<kWidth>(of_rows, TermFloats(m), TermFloats(m), part);
+    float* to = part;
+    for (int64_t j = 0; j < kTerms; ++j, to += scratch.step) {
+      MakeTerms<kWidth>(rows, TermFloats(m), kTerms * scratch.step, to);
+      for (const float*& row : rows) row += TermFloats(m);
+    }
   }
 }
 
@@ -126,6 +144,7 @@ HOLDFAST_INLINE void GatherTerms(const ConvolutionMaps& m, int64_t image_rows, i
 template <int64_t kWidth>
 HOLDFAST_INLINE void Gather(const ConvolutionMaps& m, int64_t image_rows, int64_t image, int64_t first, int64_t count,
                             const Scratch& scratch) {
+  if (TakesTermsOfLines(m)) return GatherTermsOfLines<kWidth>(m, image_rows, image, first, count, scratch);
   if (TakesTerms(m)) return GatherTerms<kWidth>(m, image_rows, image, first, count, scratch);
   const int64_t top = first * m.stride - m.kernel_height / 2;
   for (int64_t i = 0; i < (count - 1) * m.stride + m.kernel_height; ++i) {
@@ -136,7 +155,9 @@ HOLDFAST_INLINE void Gather(const ConvolutionMaps& m, int64_t image_rows, int64_
 
 template <int64_t kWidth, int64_t kPixels, int64_t kVectors>
 HOLDFAST_INLINE void RunGroup(const ConvolutionMaps& m, const Scratch& scratch, float* y, int64_t rows) {
-  if (TakesTerms(m)) return RunTerms<kWidth, kPixels, kVectors>(m, scratch.rows, scratch.results, y, rows);
+  if (TakesTerms(m)) {
+    return RunTerms<kWidth, kPixels, kVectors>(m, scratch.rows, scratch.step, scratch.results, y, rows);
+  }
   constexpr int64_t kPanel = kVectors * kWidth;
   const float* packed = m.packed;
   for (int64_t first = 0; first < m.out_channels; first += kPanel, packed += (Depth(m) + 1) * kPanel) {
@@ -155,20 +176,21 @@ HOLDFAST_INLINE void TakeMoments(const ConvolutionMaps& m, const float* y, int64
 // Floats of what a group of parts needs of the input. Tiles may reach beyond the last row's end.
 HOLDFAST_INLINE int64_t GroupFloats(const ConvolutionMaps& m, int64_t group) {
   const int64_t slack = (kMaxPixels * m.stride + m.kernel_width) * m.channels;
-  if (TakesTerms(m)) return group * PartFloats(m) + slack;
+  if (TakesTerms(m)) return PartTerms(m) * GroupTermFloats(m, group) + slack;
   return ((group - 1) * m.stride + m.kernel_height) * RowFloats(m) + slack;
 }
 
 HOLDFAST_INLINE int64_t SumFloats(const ConvolutionMaps& m, int64_t group) {
-  return group * (m.out_width + kMaxPixels) * kMaxPanel;
+  return (TakesTerms(m) ? group * Quads(m) + kMaxPixels : group * (m.out_width + kMaxPixels)) * kMaxPanel;
 }
 
 HOLDFAST_INLINE Scratch Divide(const ConvolutionMaps& m, int64_t group, float* memory) {
-  Scratch scratch = {{memory, RowFloats(m), memory + GroupFloats(m, group)}, nullptr, nullptr, nullptr};
+  Scratch scratch = {{memory, RowFloats(m), memory + GroupFloats(m, group)}, 0, nullptr, nullptr, nullptr};
   if (TakesTerms(m)) {
+    scratch.step = GroupTermFloats(m, group);
     scratch.line = scratch.rows.sums + SumFloats(m, group);
     scratch.terms = scratch.line + LineFloats(m);
-    scratch.results = scratch.terms + kTerms * TermFloats(m);
+    scratch.results = scratch.terms + kLineTerms * kTerms * TermFloats(m);
   }
   return scratch;
 }
@@ -213,8 +235,9 @@ int64_t ConvolutionMaps::packed_floats() const {
 
 int64_t ConvolutionMaps::group_parts() const {
   using namespace convolution;
-  const int64_t floats = TakesTerms(*this) ? kGroupTermFloats : kGroupFloats;
-  return std::clamp<int64_t>(floats / (RowFloats(*this) * stride), 1, parts());
+  if (!TakesTerms(*this)) return std::clamp<int64_t>(kGroupFloats / (RowFloats(*this) * stride), 1, parts());
+  const int64_t fit = std::max(kGroupTermFloats / RowFloats(*this), kGroupQuads / Quads(*this));
+  return std::clamp<int64_t>(fit, 1, parts());
 }
 
 int64_t ConvolutionMaps::scratch_floats() const {
@@ -222,8 +245,8 @@ int64_t ConvolutionMaps::scratch_floats() const {
   const int64_t group = group_parts();
   const int64_t floats = GroupFloats(*this, group) + SumFloats(*this, group);
   if (!TakesTerms(*this)) return floats;
-  const int64_t results = TermLines(*this) * kTerms * group * Pairs(*this) * kMaxPanel;
-  return floats + LineFloats(*this) + kTerms * TermFloats(*this) + results;
+  const int64_t results = PartTerms(*this) * group * Quads(*this) * kMaxPanel;
+  return floats + LineFloats(*this) + kLineTerms * kTerms * TermFloats(*this) + results;
 }
 
 HOLDFAST_KERNEL(PackWeights, (const ConvolutionMaps& maps), convolution::Pack, (maps))

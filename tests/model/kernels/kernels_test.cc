@@ -81,7 +81,8 @@ TEST(KernelsTest, AttendToTheNeighboursOfAPatch) {
   ExpectNear(got, want, 2e-6);
 }
 
-// Of 3x3 and, without a line above and below, 1x3; pixel by pixel (5 channels) and by Winograd's terms.
+// Of 3x3 and, without a line above and below, 1x3; pixel by pixel (5 channels) and by Winograd's terms, of lines too
+// with 33 channels.
 void ExpectConvolves(ConvolutionMaps m) {
   const int64_t taps = m.kernel_height * m.kernel_width;
   const Floats x = Random(m.images * m.height * m.width * m.channels, 3);
@@ -118,6 +119,8 @@ TEST(KernelsTest, Convolve) {
   m.out_height = 5, m.out_width = 8, m.out_channels = 26, m.kernel_height = 3, m.kernel_width = 3, m.stride = 2;
   ExpectConvolves(m);
   m.height = m.out_height = 7, m.width = m.out_width = 9, m.stride = 1;
+  ExpectConvolves(m);
+  m.channels = 17;
   ExpectConvolves(m);
   m.channels = 33;
   ExpectConvolves(m);

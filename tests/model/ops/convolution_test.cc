@@ -60,14 +60,15 @@ struct Shape {
 
 // Widths that tiles do not divide, panels that are not full, lines of the kernel that are cut and that go together,
 // maps narrower than a tile or lower than the kernel, and more rows than are computed at once; with few channels pixel
-// by pixel, with 32 and more in pairs of pixels, the last of which may be half.
+// by pixel, with 16 and more in fours of pixels, the last of which may lack some, with 32 in pairs of lines, too.
 TEST(ConvolutionForwardTest, EqualsAtensAtAnyShapeAndMapByMap) {
   const torch::NoGradGuard no_grad;
   torch::manual_seed(6);
   for (const Shape& s : {Shape{5, 24, 9, 31, 3, 3, 1}, Shape{5, 20, 9, 31, 3, 3, 2}, Shape{160, 33, 7, 13, 3, 3, 1},
                          Shape{3, 8, 40, 24, 7, 7, 2}, Shape{150, 48, 1, 24, 1, 3, 1}, Shape{300, 3, 1, 5, 1, 3, 1},
                          Shape{16, 16, 2, 3, 3, 3, 1}, Shape{33, 17, 4, 1, 3, 3, 1}, Shape{37, 48, 3, 2, 3, 3, 1},
-                         Shape{31, 24, 5, 9, 3, 3, 1}, Shape{2, 96, 1, 1, 3, 3, 1}, Shape{64, 64, 6, 300, 3, 3, 1}}) {
+                         Shape{31, 24, 5, 9, 3, 3, 1}, Shape{2, 96, 1, 1, 3, 3, 1}, Shape{64, 64, 6, 300, 3, 3, 1},
+                         Shape{20, 24, 30, 210, 3, 3, 1}}) {
     torch::nn::Conv2d conv(torch::nn::Conv2dOptions(s.channels, s.out_channels, {s.kernel_height, s.kernel_width})
                                .stride(s.stride)
                                .padding({s.kernel_height / 2, s.kernel_width / 2}));
