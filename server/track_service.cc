@@ -53,8 +53,9 @@ grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContex
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
   const std::string peer = context->peer();
   absl::StatusOr<v1::GetServerInfoResponse> info = streams_.Info({MetadataOf(*context, kAuthorization), peer});
-  if (info.ok()) *response = *std::move(info);
-  reactor->Finish(ToGrpcStatus(info.status()));
+  const absl::Status status = info.status();
+  if (status.ok()) *response = *std::move(info);
+  reactor->Finish(ToGrpcStatus(status));
   return reactor;
 }
 

@@ -14,8 +14,8 @@ namespace {
 
 // The input's rows of a group are to stay in the second-level cache. Of terms one in six, or in 24, is looked at at a
 // time; weights are read once a group.
-constexpr int64_t kGroupFloats = 48 * 1024;
-constexpr int64_t kGroupTermFloats = 128 * 1024;
+constexpr int64_t kGroupFloats = int64_t{48} * 1024;
+constexpr int64_t kGroupTermFloats = int64_t{128} * 1024;
 constexpr int64_t kGroupQuads = 128;  // at least: where they are too many for the cache, so are the weights
 
 // Panel after panel: the bias, then for each of the Depth inputs the weights of its channels; or those of the terms.

@@ -12,7 +12,7 @@
 namespace holdfast::convolution {
 
 // The weights of a chunk are to stay in the first-level cache.
-constexpr int64_t kChunkFloats = 6 * 1024;
+constexpr int64_t kChunkFloats = int64_t{6} * 1024;
 constexpr int64_t kMaxPixels = 6;
 constexpr int64_t kLineFloats = 16;       // of the caches
 constexpr int64_t kPrefetchedLines = 16;  // by a tile

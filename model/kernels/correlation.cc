@@ -97,6 +97,7 @@ HOLDFAST_INLINE void Blend(const float* dots, const Patch& patch, int64_t radius
     Store(scale * (left + patch.fx * Load<kWidth>(down + i + side)), both + i);
   }
   for (int64_t a = 0; a < width; ++a) {
+    // NOLINTNEXTLINE(clang-analyzer-core.uninitialized.Assign): the loop before wrote them, a register at a time.
     for (int64_t b = 0; b < width; ++b) out[a * width + b] = both[a * side + b];
   }
 }

@@ -25,8 +25,10 @@
     name##Base arguments;                                                                        \
   }
 #else
+// NOLINTBEGIN(bugprone-macro-parentheses): they come with what is passed.
 #define HOLDFAST_KERNEL(name, parameters, body, arguments) \
   void name parameters { body<4> arguments; }
+// NOLINTEND(bugprone-macro-parentheses)
 #endif
 #define HOLDFAST_INLINE inline __attribute__((always_inline))
 

@@ -257,7 +257,7 @@ std::shared_ptr<const FlowPatch> SessionFlow::PatchOf(uint64_t serial) const {
   }
   if (patch == nullptr) return nullptr;
   const FlowPatch& cut = patch->Get();
-  return {std::move(patch), &cut};
+  return {patch, &cut};
 }
 
 FlowPyramidPtr SessionFlow::PictureOf(int64_t frame) const {

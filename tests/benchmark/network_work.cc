@@ -63,22 +63,23 @@ double Operations(const ConvolutionShape& shape) {
 Work EncoderWork(const WorkShape& shape) {
   const ModelOptions& options = shape.options;
   Layers layers(shape.element_bytes);
+  constexpr int64_t kSquare = 9;  // pixels of most kernels
   int64_t channels = options.encoder_channels[0];
   int64_t pixels = shape.height / 2 * (shape.width / 2);
   int64_t stacked = 0;
-  layers.Add({3, channels, 7 * 7, pixels});
+  layers.Add({3, channels, int64_t{7} * 7, pixels});
   for (size_t i = 0; i < options.encoder_channels.size(); ++i) {
     const int64_t out = options.encoder_channels[i];
     if (i > 0) {
       pixels = (shape.height >> (i + 1)) * (shape.width >> (i + 1));
       layers.Add({channels, out, 1, pixels});
     }
-    layers.Add({channels, out, 3 * 3, pixels});
-    for (int later = 0; later < 3; ++later) layers.Add({out, out, 3 * 3, pixels});
+    layers.Add({channels, out, kSquare, pixels});
+    for (int later = 0; later < 3; ++later) layers.Add({out, out, kSquare, pixels});
     channels = out;
     stacked += out;
   }
-  layers.Add({stacked, options.encoder_mid, 3 * 3, MapPixels(shape)});
+  layers.Add({stacked, options.encoder_mid, kSquare, MapPixels(shape)});
   layers.Add({options.encoder_mid, options.feature_channels, 1, MapPixels(shape)});
   return layers.Total(3 * shape.height * shape.width + MapValues(shape));
 }

@@ -73,8 +73,8 @@ TEST(NetworkWorkTest, CountsWhatTheUpdateBlockConvolves) {
 TEST(NetworkWorkTest, CountsLinearLayersAndProductsOfAttention) {
   WorkShape shape = Shape("small");
   const int64_t tokens_of_patch = shape.options.context_patch * shape.options.context_patch;
-  shape.height = 8 * shape.options.context_patch;     // one row of patches
-  shape.width = 4 * 8 * shape.options.context_patch;  // two with one neighbour, two with two
+  shape.height = 8 * shape.options.context_patch;              // one row of patches
+  shape.width = int64_t{4} * 8 * shape.options.context_patch;  // two with one neighbour, two with two
   ContextualAttention context(shape.options);
   const double linear = Convolved([&] {
     context->forward(torch::rand({1, shape.options.feature_channels, shape.height / 8, shape.width / 8}));

@@ -11,7 +11,7 @@ namespace {
 constexpr int64_t kSettled = 5;     // frames in a row off its object that make a point one that has left
 constexpr double kRightPixels = 8;  // of a frame of 256x256: an estimate nearer to its true place is right
 
-double Overlap(std::vector<cv::Point2f> a, std::vector<cv::Point2f> b) {
+double Overlap(const std::vector<cv::Point2f>& a, const std::vector<cv::Point2f>& b) {
   std::vector<cv::Point2f> hull_a, hull_b, both;
   cv::convexHull(a, hull_a);
   cv::convexHull(b, hull_b);

@@ -9,11 +9,12 @@
 namespace holdfast {
 
 DecodePool::DecodePool(int threads, const Clock& clock) : clock_(clock), thread_count_(threads) {
-  for (int i = 0; i < threads; ++i)
+  for (int i = 0; i < threads; ++i) {
     threads_.emplace_back([this] {
       RunInLongSlices();
       Run();
     });
+  }
 }
 
 DecodePool::~DecodePool() {

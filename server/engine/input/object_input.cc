@@ -98,6 +98,7 @@ absl::StatusOr<GrayImage> ReadMask(const std::string& png, ImageSize frame) {
 GrayImage FillPolygon(const std::vector<Pixel>& polygon, ImageSize frame) {
   GrayImage mask{frame, std::vector<uint8_t>(Pixels(frame), 0)};
   std::vector<cv::Point> corners;
+  corners.reserve(polygon.size());
   for (const Pixel& corner : polygon) corners.emplace_back(cvRound(corner.x), cvRound(corner.y));
   cv::fillPoly(ViewMask(mask), std::vector<std::vector<cv::Point>>{corners}, cv::Scalar(255));
   return mask;

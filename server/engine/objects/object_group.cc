@@ -26,6 +26,7 @@ constexpr int kFramesToReturn = 6;   // in a row that it does not before it is b
 // The median distance of the votes from where 'motion' leads.
 double Typical(const std::vector<Displacement>& votes, const Similarity& motion) {
   std::vector<double> distances;
+  distances.reserve(votes.size());
   for (const Displacement& vote : votes) distances.push_back(Distance(motion.Map(vote.from), vote.to));
   const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
   std::nth_element(distances.begin(), middle, distances.end());

@@ -21,6 +21,7 @@ std::vector<Pixel> Outline(const std::vector<cv::Point>& ends) {
     hull = fewer;
   }
   std::vector<Pixel> outline;
+  outline.reserve(hull.size());
   for (const cv::Point& corner : hull) outline.push_back({static_cast<float>(corner.x), static_cast<float>(corner.y)});
   return outline;
 }

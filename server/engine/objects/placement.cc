@@ -68,6 +68,7 @@ std::vector<Candidate> Candidates(const cv::Mat& picture, const cv::Mat& mask, i
 // The texture that counts in full: what half of the places have.
 float Median(const std::vector<Candidate>& candidates) {
   std::vector<float> textures;
+  textures.reserve(candidates.size());
   for (const Candidate& candidate : candidates) textures.push_back(candidate.texture);
   const auto middle = textures.begin() + static_cast<std::ptrdiff_t>(textures.size() / 2);
   std::nth_element(textures.begin(), middle, textures.end());
