@@ -12,22 +12,22 @@
 namespace holdfast {
 
 bool StopSignal::Stop(int signal) {
+  int none = 0;
+  if (!signal_.compare_exchange_strong(none, signal)) return false;  // not behind a callback that is at work
   absl::MutexLock lock(&mutex_);
-  if (signal_ != 0) return false;
-  signal_ = signal;
-  if (on_stop_) on_stop_();
+  Tell();
   return static_cast<bool>(on_stop_);
 }
 
-int StopSignal::signal() const {
-  absl::MutexLock lock(&mutex_);
-  return signal_;
+void StopSignal::Tell() {
+  if (signal_ != 0 && on_stop_ && !std::exchange(told_, true)) on_stop_();
 }
 
 void StopSignal::SetCallback(std::function<void()> on_stop) {
   absl::MutexLock lock(&mutex_);
   on_stop_ = std::move(on_stop);
-  if (signal_ != 0 && on_stop_) on_stop_();
+  told_ = false;
+  Tell();
 }
 
 TerminationWatcher::TerminationWatcher(StopSignal& stop) : stop_(stop) {

@@ -2,6 +2,7 @@
 // How programs are asked to end: SIGINT and SIGTERM as an event that callers listen to, and the exit code afterwards.
 #pragma once
 
+#include <atomic>
 #include <csignal>
 #include <functional>
 #include <thread>
@@ -17,15 +18,18 @@ class StopSignal {
   // 'signal': the one that asks for it. Returns whether a callback took it; false where it was stopped before, too.
   bool Stop(int signal = SIGINT);
   bool stopped() const { return signal() != 0; }
-  int signal() const;  // 0 until it is stopped
+  int signal() const { return signal_; }  // 0 until it is stopped
   // 'on_stop' runs once, on the thread that stops, or right here when it is stopped already. An empty function takes
   // the earlier one away and blocks while that runs.
   void SetCallback(std::function<void()> on_stop);
 
  private:
-  mutable absl::Mutex mutex_;
-  int signal_ ABSL_GUARDED_BY(mutex_) = 0;
+  void Tell() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  std::atomic<int> signal_{0};
+  absl::Mutex mutex_;
   std::function<void()> on_stop_ ABSL_GUARDED_BY(mutex_);
+  bool told_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 // The code of a program that a signal has ended, as shells report it: 130 for SIGINT, 143 for SIGTERM.

@@ -122,7 +122,7 @@ std::string Help() {
       kUsageText, "\nServer (all commands):\n",
       DescribeFlags(
           {"server", "connect_timeout", "tls", "tls_ca", "tls_cert", "tls_key", "tls_server_name", "token_file"}),
-      "\nWhen the server is lost (track):\n", DescribeFlags({"resume", "buffer_mib", "reconnect_timeout"}),
+      "\nWhen the server is lost (track, load):\n", DescribeFlags({"resume", "buffer_mib", "reconnect_timeout"}),
       "\nPoints (track; at least one of points, grid and mask):\n",
       DescribeFlags({"points", "grid", "mask", "reseed", "query_frame"}),
       "\nResults (track; at least one of out, overlay, still and show):\n",
@@ -199,6 +199,9 @@ absl::StatusOr<LoadOptions> LoadOptionsFromFlags(const std::string& input) {
 }
 
 absl::Status CheckServerFlags() {
+  if (absl::GetFlag(FLAGS_connect_timeout) <= absl::ZeroDuration()) {
+    return absl::InvalidArgumentError("--connect_timeout: expected more than 0");
+  }
   if (absl::GetFlag(FLAGS_buffer_mib) < 1 || absl::GetFlag(FLAGS_buffer_mib) > kMaxBufferMib) {
     return absl::InvalidArgumentError(absl::StrCat("--buffer_mib: expected 1..", kMaxBufferMib));
   }
@@ -246,6 +249,10 @@ absl::StatusOr<RemoteTracker::Options> ServerFromFlags(const Console& console) {
   options.resume = absl::GetFlag(FLAGS_resume);
   options.buffer_bytes = absl::GetFlag(FLAGS_buffer_mib) << 20;
   options.reconnect_timeout = absl::GetFlag(FLAGS_reconnect_timeout);
+  // All else has been looked at.
+  if (const absl::Status status = options.Validate(); !status.ok()) {
+    return absl::InvalidArgumentError(absl::StrCat("--server: ", status.message()));
+  }
   return options;
 }
 
@@ -303,6 +310,7 @@ int Load(const std::vector<std::string>& args, const Console& console, StopSigna
     return RemoteTracker::Connect(*server);
   };
   const absl::Status status = RunLoad(*options, {connect, stop, console.out});
+  if (stop.stopped()) return SignalExitCode(stop.signal());
   return status.ok() ? kOk : Fail(console, status, kFailed);
 }
 

@@ -21,6 +21,7 @@ namespace holdfast {
 namespace {
 
 constexpr int kMaxSessions = 1000;
+constexpr absl::Duration kLongest = absl::Hours(24 * 365);
 constexpr size_t kMostFrames = 240;  // kept in memory
 constexpr size_t kMostBytes = size_t{256} << 20;
 
@@ -124,7 +125,10 @@ absl::Status LoadOptions::Validate() const {
     return absl::InvalidArgumentError(absl::StrCat("--points: expected 1..", kMaxPointsInMessage));
   }
   if (!(fps >= 0) || std::isinf(fps)) return absl::InvalidArgumentError("--fps: expected 0 or more");
-  if (duration <= absl::ZeroDuration()) return absl::InvalidArgumentError("--seconds: expected more than 0");
+  if (duration <= absl::ZeroDuration() || duration > kLongest) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--seconds: expected more than 0 and at most ", absl::ToInt64Seconds(kLongest)));
+  }
   if (ramp < absl::ZeroDuration() || ramp > duration) {
     return absl::InvalidArgumentError("--ramp: expected 0 to as many as --seconds");
   }

@@ -2,6 +2,7 @@
 // The program "holdfast".
 #include <unistd.h>
 
+#include <csignal>
 #include <cstdlib>
 #include <iostream>
 #include <opencv2/core/utils/logger.hpp>
@@ -12,6 +13,7 @@
 int main(int argc, char** argv) {
   // What OpenCV has to say of files it cannot open is said better by the commands.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  std::signal(SIGPIPE, SIG_IGN);  // a reader that goes away is an error of writing, and the rest is still written
   holdfast::StopSignal stop;
   holdfast::TerminationWatcher watcher(stop);
   const holdfast::Console console{std::cout, std::cerr, isatty(STDERR_FILENO) != 0,

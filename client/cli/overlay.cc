@@ -103,7 +103,7 @@ void OverlayPainter::PaintTrails(const TrackTable& table, int64_t frame, cv::Mat
     const int64_t to = frame - trail_frames_ + int64_t{trail_frames_} * (band + 1) / kTrailBands;
     picture.copyTo(layer);
     for (size_t i = 0; i < table.tracks().size(); ++i) {
-      for (int64_t t = from; t < to; ++t) {
+      for (int64_t t = std::max<int64_t>(from, 0); t < to; ++t) {
         const TrackSample* a = TrackTable::Estimate(table.tracks()[i], t);
         const TrackSample* b = TrackTable::Estimate(table.tracks()[i], t + 1);
         if (!Drawable(a) || !Drawable(b)) continue;

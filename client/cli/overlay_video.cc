@@ -2,6 +2,7 @@
 #include "client/cli/overlay_video.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 #include <utility>
 
@@ -13,6 +14,7 @@ namespace holdfast {
 namespace {
 
 constexpr int kHeldQuality = 97;
+constexpr int kMostTrailFrames = 10'000;
 
 }  // namespace
 
@@ -22,6 +24,9 @@ absl::Status OverlayVideo::Options::Validate() const {
   }
   if (!still.empty() && !absl::EndsWithIgnoreCase(still, ".png") && !absl::EndsWithIgnoreCase(still, ".jpg")) {
     return absl::InvalidArgumentError(absl::StrCat(still, ": still pictures end in .png or .jpg"));
+  }
+  if (trail_frames < 0 || trail_frames > kMostTrailFrames) {
+    return absl::InvalidArgumentError(absl::StrCat("--trail_frames: expected 0..", kMostTrailFrames));
   }
   return absl::OkStatus();
 }
@@ -86,10 +91,11 @@ absl::Status OverlayVideo::Paint(const TrackTable& table, int64_t end) {
 absl::Status OverlayVideo::OpenWriter() {
   file_.emplace(options_.video);
   const cv::Size size(video_.size.width, video_.size.height);
+  const std::string path = std::filesystem::absolute(file_->temporary()).string();  // where a colon names no protocol
   // H.264 plays everywhere; MPEG-4 part 2 is there where no H.264 encoder is.
   for (const char* codec : {"avc1", "mp4v"}) {
     const int code = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
-    if (writer_.open(file_->temporary(), cv::CAP_FFMPEG, code, video_.fps, size)) return absl::OkStatus();
+    if (writer_.open(path, cv::CAP_FFMPEG, code, video_.fps, size)) return absl::OkStatus();
   }
   return absl::UnavailableError(absl::StrCat(options_.video, ": no encoder for H.264 or MPEG-4 can write it"));
 }

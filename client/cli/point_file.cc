@@ -2,6 +2,7 @@
 #include "client/cli/point_file.h"
 
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -12,6 +13,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 
 namespace holdfast {
 namespace {
@@ -121,6 +123,8 @@ absl::StatusOr<json> ParseJson(absl::string_view text) {
 }
 
 absl::StatusOr<std::string> ReadText(const std::string& path) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) return absl::InvalidArgumentError("is a directory");
   std::ifstream file(path, std::ios::binary | std::ios::ate);
   const std::streamoff bytes = file ? static_cast<std::streamoff>(file.tellg()) : -1;
   if (bytes < 0 || bytes > kMaxFileBytes) {
@@ -136,6 +140,7 @@ absl::StatusOr<std::string> ReadText(const std::string& path) {
 
 absl::StatusOr<std::vector<StartPoint>> ParsePointsCsv(absl::string_view text, ImageSize size, int64_t first_frame) {
   PointList points(size, first_frame);
+  absl::ConsumePrefix(&text, "\xEF\xBB\xBF");  // the byte order mark of spreadsheets
   int number = 0;
   for (absl::string_view line : absl::StrSplit(text, '\n')) {
     ++number;

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/track_command.h"
 
+#include <filesystem>
+#include <iterator>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -17,7 +20,30 @@ namespace {
 
 constexpr int64_t kMostFrames = int64_t{1} << 40;
 
+// No output takes the place of what is read, or of another one.
+absl::Status CheckDistinct(const TrackOptions& options) {
+  const std::pair<absl::string_view, const std::string&> names[] = {
+      {"INPUT", options.input}, {"--points", options.points.file},    {"--mask", options.points.mask},
+      {"--out", options.out},   {"--overlay", options.overlay.video}, {"--still", options.overlay.still}};
+  constexpr size_t kFirstOutput = 3;
+  std::error_code ignored;
+  for (size_t i = kFirstOutput; i < std::size(names); ++i) {
+    const auto& [flag, output] = names[i];
+    if (output.empty() || output == "-") continue;
+    for (size_t j = 0; j < i; ++j) {
+      const std::string& other = names[j].second;
+      if (other.empty()) continue;
+      const bool same =
+          std::filesystem::equivalent(output, other, ignored) ||
+          std::filesystem::weakly_canonical(output, ignored) == std::filesystem::weakly_canonical(other, ignored);
+      if (same) return absl::InvalidArgumentError(absl::StrCat(flag, "=", output, ": is ", names[j].first, ", too"));
+    }
+  }
+  return absl::OkStatus();
+}
+
 absl::Status CheckOutputs(const TrackOptions& options) {
+  if (absl::Status distinct = CheckDistinct(options); !distinct.ok()) return distinct;
   for (const std::string& path : {options.overlay.video, options.overlay.still}) {
     const absl::Status writable = path.empty() ? absl::OkStatus() : CheckWritable(path);
     if (!writable.ok()) return writable;

@@ -2,6 +2,7 @@
 #include "client/cli/track_run.h"
 
 #include <algorithm>
+#include <atomic>
 #include <opencv2/core.hpp>
 #include <optional>
 #include <utility>
@@ -155,10 +156,11 @@ class TrackRun final : public TrackObserver {
     return input_error_.ok() ? status : input_error_;
   }
 
+  // Does not wait for who writes results to a reader that has stalled.
   void StopReading() {
     reader_.Stop();
-    absl::MutexLock lock(&mutex_);
     over_ = true;
+    if (mutex_.TryLock()) mutex_.Unlock();  // so that AwaitAnswers looks; else whoever has the lock gives it back
   }
 
   // What lies before the queries, after a session that ended well. An object's points have their places by then and are
@@ -262,6 +264,10 @@ class TrackRun final : public TrackObserver {
   // REQUIRES: the session ended well.
   absl::Status CheckAnswers() {
     absl::MutexLock lock(&mutex_);
+    if (*queries_.frames().begin() >= EndInInput()) {
+      return absl::InvalidArgumentError(absl::StrCat("nothing was tracked: what is to be tracked starts at frame ",
+                                                     *queries_.frames().begin(), ", after the last frame"));
+    }
     if (!broken_.ok() || table_.final_frames() == table_.frames()) return broken_;
     return absl::InternalError("the tracker ended the session before every estimate was final");
   }
@@ -307,14 +313,14 @@ class TrackRun final : public TrackObserver {
       }
       return;
     }
-    WarnOfLatePoints();
+    const int64_t late = WarnOfLatePoints();
     const auto anew = std::count_if(table_.tracks().begin(), table_.tracks().end(), [this](const TableTrack& track) {
       mutex_.AssertHeld();
       return table_.WasPlacedAnew(track);
     });
-    environment_.log << absl::StrFormat("%d points%s, final on all %d frames\n", table_.tracks().size(),
-                                        anew > 0 ? absl::StrCat(", ", anew, " of them placed anew") : "",
-                                        extent.frames);
+    environment_.log << absl::StrFormat(
+        "%d points%s, final on all %d frames\n", static_cast<int64_t>(table_.tracks().size()) - late,
+        anew > 0 ? absl::StrCat(", ", anew, " of them placed anew") : "", extent.frames);
     if (options_.live) environment_.log << answers_.Summary();
     if (drop_) environment_.log << reader_.dropped() << " frames came faster than answers and were left out\n";
     for (const std::string& path : files) environment_.log << "wrote " << path << "\n";
@@ -328,14 +334,19 @@ class TrackRun final : public TrackObserver {
     return number;
   }
 
-  void WarnOfLatePoints() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const int64_t end = sent_ == 0 ? 0 : table_.Number(sent_ - 1) + 1;
-    const size_t late = queries_.CountPointsFrom(end);
-    if (queries_.ObjectIsFrom(end)) {
+  int64_t EndInInput() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return sent_ == 0 ? 0 : table_.Number(sent_ - 1) + 1;
+  }
+
+  // Their number.
+  int64_t WarnOfLatePoints() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const auto late = static_cast<int64_t>(queries_.CountPointsFrom(EndInInput()));
+    if (queries_.ObjectIsFrom(EndInInput())) {
       environment_.log << "warning: the object of --mask starts after the last frame and was not tracked\n";
     }
-    if (late == 0) return;
-    environment_.log << "warning: " << late << " points start after the last frame and were not tracked\n";
+    if (late > 0)
+      environment_.log << "warning: " << late << " points start after the last frame and were not tracked\n";
+    return late;
   }
 
   const TrackOptions& options_;
@@ -350,7 +361,8 @@ class TrackRun final : public TrackObserver {
   std::optional<FrameSpool> spool_;  // as sent, up to the last one that something starts on; of the main thread
   OverlayVideo overlay_;             // of the main thread
   AnswerTimes answers_;
-  absl::Status input_error_;  // of the main thread
+  absl::Status input_error_;       // of the main thread
+  std::atomic<bool> over_{false};  // no more frames are wanted
 
   absl::Mutex mutex_;
   TrackTable table_ ABSL_GUARDED_BY(mutex_);
@@ -358,7 +370,6 @@ class TrackRun final : public TrackObserver {
   Progress progress_ ABSL_GUARDED_BY(mutex_);
   int64_t sent_ ABSL_GUARDED_BY(mutex_) = 0;       // frames
   int64_t processed_ ABSL_GUARDED_BY(mutex_) = 0;  // frames
-  bool over_ ABSL_GUARDED_BY(mutex_) = false;      // no more frames are wanted
   absl::Status broken_ ABSL_GUARDED_BY(mutex_);    // the tracker's answers contradict the session
 };
 

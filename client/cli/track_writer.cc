@@ -79,8 +79,8 @@ json ObjectToJson(const TrackTable& table, const TrackExtent& extent) {
 
 // Point by point, so that the tree of values never holds a whole video.
 void WriteJson(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
-  out << absl::StrFormat("{\"width\": %d, \"height\": %d, \"fps\": %g, \"frames\": %d, ", video.size.width,
-                         video.size.height, video.fps, extent.frames);
+  out << absl::StrFormat("{\"width\": %d, \"height\": %d, \"fps\": %s, \"frames\": %d, ", video.size.width,
+                         video.size.height, nlohmann::json(video.fps).dump(), extent.frames);
   out << absl::StrFormat("\"complete\": %s, \"final_frames\": %d, \"expected_frames\": %d, ",
                          extent.complete ? "true" : "false", extent.final_frames, extent.expected_frames);
   const json times = CaptureTimes(table, extent);

@@ -15,6 +15,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 
 namespace holdfast {
@@ -54,6 +55,18 @@ ImageSize Limited(ImageSize size, int max_side) {
 // it something wins.
 void TakeFramesAtOnce() { setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "probesize;32|analyzeduration;0", /*overwrite=*/0); }
 
+bool IsAddress(const std::string& input) { return absl::StrContains(input, "://"); }
+
+// FFmpeg takes what stands before a colon for a protocol, but in an absolute path.
+std::string NameForFfmpeg(const std::string& input) {
+  if (input == "-") return "pipe:0";
+  return IsAddress(input) ? input : fs::absolute(input).string();
+}
+
+// Whether a video of so many seconds cannot have ended 'at' these: FFmpeg takes a file that is cut off for one that has
+// ended. Lengths are inexact, and some formats have no times: 'at' is 0 then.
+bool IsCutOff(double at, double seconds) { return at > 0 && at + std::max(1.0, 0.1 * seconds) < seconds; }
+
 }  // namespace
 
 FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t frames)
@@ -65,7 +78,7 @@ FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t f
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input, int64_t first_frame) {
   std::error_code ignored;
   const bool camera = absl::StartsWith(input, kCameraPrefix) || absl::StartsWith(input, "/dev/");
-  const bool stream = input == "-" || absl::StrContains(input, "://");
+  const bool stream = input == "-" || IsAddress(input);
   if (!camera && !stream && !fs::exists(input, ignored))
     return absl::NotFoundError(absl::StrCat(input, ": no such file"));
   auto source = camera ? OpenCamera(input) : fs::is_directory(input, ignored) ? OpenDirectory(input) : OpenVideo(input);
@@ -77,12 +90,14 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::string& input) {
   auto capture = std::make_shared<cv::VideoCapture>();
   if (input == "-") TakeFramesAtOnce();
-  const auto opened =
-      WithoutException(input, [&] { return capture->open(input == "-" ? "pipe:0" : input, cv::CAP_FFMPEG); });
+  const auto opened = WithoutException(input, [&] { return capture->open(NameForFfmpeg(input), cv::CAP_FFMPEG); });
   if (!opened.ok()) return opened.status();
   if (!*opened) return absl::InvalidArgumentError(absl::StrCat(input, ": is not a video that can be read"));
-  return std::unique_ptr<FrameSource>(new FrameSource(input, ReaderOf(input, capture), capture->get(cv::CAP_PROP_FPS),
-                                                      std::llround(capture->get(cv::CAP_PROP_FRAME_COUNT))));
+  const double fps = capture->get(cv::CAP_PROP_FPS), frames = capture->get(cv::CAP_PROP_FRAME_COUNT);
+  // Where a file does not count its frames OpenCV has taken them from its length and an average rate that may be wrong.
+  const double seconds = std::isfinite(frames / fps) ? frames / fps : 0;
+  return std::unique_ptr<FrameSource>(
+      new FrameSource(input, ReaderOf(input, capture, seconds), fps, std::llround(frames)));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const std::string& input) {
@@ -117,11 +132,21 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::
   if (!capture->open(device, cv::CAP_V4L2))
     return absl::NotFoundError(absl::StrCat(input, ": no camera answers there"));
   return std::unique_ptr<FrameSource>(
-      new FrameSource(input, ReaderOf(input, capture), capture->get(cv::CAP_PROP_FPS), 0));
+      new FrameSource(input, ReaderOf(input, capture, 0), capture->get(cv::CAP_PROP_FPS), 0));
 }
 
-FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture) {
-  const auto advance = [input, capture] { return WithoutException(input, [&capture] { return capture->grab(); }); };
+FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture,
+                                          double seconds) {
+  const auto advance = [input, capture, seconds, at = 0.0]() mutable -> absl::StatusOr<bool> {
+    absl::StatusOr<bool> grabbed = WithoutException(input, [&] { return capture->grab(); });
+    if (!grabbed.ok()) return grabbed;
+    if (!*grabbed && IsCutOff(at, seconds)) {
+      return absl::DataLossError(
+          absl::StrFormat("%s: ends at %.1f of %.1f seconds; is it cut off or damaged?", input, at, seconds));
+    }
+    if (*grabbed) at = capture->get(cv::CAP_PROP_POS_MSEC) / 1000;
+    return grabbed;
+  };
   const auto retrieve = [input, capture] {
     return WithoutException(input, [&capture] {
       cv::Mat frame;

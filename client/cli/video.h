@@ -23,7 +23,8 @@ class FrameSource {
   // passed over. Reads that frame, so that an input that does not have it is an error here.
   static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input, int64_t first_frame = 0);
 
-  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame.
+  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame. DATA_LOSS for a broken frame and for a video
+  // that ends long before it said it would.
   absl::StatusOr<cv::Mat> Next();
   // Passes over the frame that Next would give, in a fraction of the time; false where there is none.
   absl::StatusOr<bool> Skip();
@@ -44,7 +45,8 @@ class FrameSource {
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenVideo(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenDirectory(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenCamera(const std::string& input);
-  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture);
+  // 'seconds': the length that the input announces; 0: none.
+  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture, double seconds);
   absl::Status ReadFirst(int64_t frame);
   absl::StatusOr<cv::Mat> Read();
 

@@ -410,6 +410,17 @@ class CliTest(unittest.TestCase):
         self.assert_final_as_in(self.whole_run(), final,
                                 lambda index, frame: xy[2 * (index * frames + frame):][:2])
 
+    def test_a_reader_that_goes_away_leaves_the_overlay(self):
+        client = subprocess.Popen(**self.command("track", VIDEO, f"--server={self.server.address}", "--grid=4",
+                                                 "--max_frames=40", "--out=-", f"--overlay={self.path('o.mp4')}"))
+        client.stdout.readline()
+        client.stdout.close()
+        errors = client.stderr.read()
+        client.stderr.close()
+        self.assertEqual(client.wait(60), 1)
+        self.assertIn("standard output takes no more lines", errors)
+        self.assertEqual(os.listdir(self.directory.name), ["o.mp4"])
+
     def test_an_interrupt_before_a_session_ends_at_once(self):
         with socket.create_server(("127.0.0.1", 0)) as silent:
             client = subprocess.Popen(**self.command("info", "--server=127.0.0.1:%d" % silent.getsockname()[1],

@@ -6,6 +6,7 @@
 
 #include <csignal>
 #include <cstdlib>
+#include <thread>
 
 #include "absl/synchronization/notification.h"
 
@@ -38,6 +39,22 @@ TEST(StopSignalTest, ACallbackThatComesLateRunsAtOnce) {
   bool called = false;
   stop.SetCallback([&called] { called = true; });
   EXPECT_TRUE(called);
+}
+
+// So that a second interrupt ends a program whose way of ending hangs.
+TEST(StopSignalTest, ACallbackThatIsAtWorkHoldsNobodyUp) {
+  StopSignal stop;
+  absl::Notification working, go_on;
+  stop.SetCallback([&] {
+    working.Notify();
+    go_on.WaitForNotification();
+  });
+  std::thread first([&stop] { EXPECT_TRUE(stop.Stop()); });
+  working.WaitForNotification();
+  EXPECT_FALSE(stop.Stop());
+  EXPECT_TRUE(stop.stopped());
+  go_on.Notify();
+  first.join();
 }
 
 TEST(TerminationWatcherTest, AnInterruptStopsInsteadOfKilling) {

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <fstream>
 
 #include "tests/support/status_matchers.h"
@@ -28,6 +29,12 @@ TEST(PointFileTest, CsvLinesGiveIdPositionAndFrame) {
   EXPECT_EQ((*points)[0].name, "7");
   EXPECT_EQ((*points)[1].query.x, 99.0f);
   EXPECT_EQ((*points)[2].frame, 0);
+}
+
+TEST(PointFileTest, ASpreadsheetsByteOrderMarkIsPassedOver) {
+  const auto points = ParsePointsCsv("\xEF\xBB\xBFid,x,y\r\n7,1,2\r\n", kSize);
+  ASSERT_THAT(points, IsOk());
+  EXPECT_EQ((*points)[0].query.id, 7u);
 }
 
 TEST(PointFileTest, CsvErrorsNameTheLineAndTheField) {
@@ -104,6 +111,8 @@ TEST(PointFileTest, FilesAreReadByTheirSuffixAndNamedInErrors) {
   EXPECT_THAT(ReadPointFile(dir.File("none.csv"), kSize),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.csv: cannot be read")));
   EXPECT_FALSE(ReadPointFile(dir.path().string() + "/.csv", kSize).ok());
+  std::filesystem::create_directory(dir.File("d.csv"));
+  EXPECT_THAT(ReadPointFile(dir.File("d.csv"), kSize), StatusIs(kInvalid, HasSubstr("d.csv: is a directory")));
 }
 
 }  // namespace

@@ -294,7 +294,54 @@ TEST_F(TrackCommandTest, PointsAfterTheEndAreReported) {
   FakeTracker tracker(MovingRight());
   ASSERT_THAT(Run(tracker), IsOk());
   EXPECT_THAT(log_.str(), HasSubstr("warning: 1 points start after the last frame"));
+  EXPECT_THAT(log_.str(), HasSubstr("1 points, final on all 6 frames"));
   EXPECT_EQ(Tracks()["points"][1]["frames"].size(), 0u);
+}
+
+TEST_F(TrackCommandTest, WhereNothingStartsBeforeTheEndNothingWasTracked) {
+  Points("1,10,20,99\n");
+  FakeTracker tracker(MovingRight());
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("starts at frame 99")));
+}
+
+// FFmpeg says that such a file has ended.
+TEST_F(TrackCommandTest, AVideoThatIsCutOffIsNotComplete) {
+  options_.input = dir_.File("12:30.avi");  // a colon names no protocol
+  options_.overlay.video = dir_.File("12:31.mp4");
+  {
+    cv::VideoWriter writer(options_.input, cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 10,
+                           {64, 48});
+    for (int i = 0; i < 60; ++i) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(i)));
+  }
+  FakeTracker whole(MovingRight());
+  ASSERT_THAT(Run(whole), IsOk());
+  EXPECT_EQ(Tracks()["frames"], 60);
+  std::filesystem::resize_file(options_.input, std::filesystem::file_size(options_.input) / 2);
+  FakeTracker tracker(MovingRight());
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("of 6.0 seconds; is it cut off")));
+  const auto json = Tracks();
+  EXPECT_EQ(json["complete"], false);
+  EXPECT_EQ(json["expected_frames"], 60);
+  EXPECT_GT(json["final_frames"], 20);
+  options_.max_frames = 20;
+  FakeTracker shorter(MovingRight());
+  EXPECT_THAT(Run(shorter), IsOk()) << "no more were wanted";
+}
+
+TEST_F(TrackCommandTest, NoOutputTakesThePlaceOfAnInputOrOfAnother) {
+  FakeTracker tracker(MovingRight());
+  const std::string out = options_.out;
+  options_.out = options_.points.file;
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("is --points, too")));
+  options_.out = out;
+  options_.overlay.still = dir_.File("mask.png");
+  options_.overlay.video = dir_.File("frames/../overlay.mp4");
+  Mask();
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("is --mask, too")));
+  options_.points.mask.clear();
+  std::filesystem::create_symlink(options_.points.file, dir_.File("overlay.mp4"));
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("is --points, too")));
+  EXPECT_EQ(connections_, 0);
 }
 
 TEST_F(TrackCommandTest, InputAndPointsAreCheckedBeforeTheServerIsAsked) {
