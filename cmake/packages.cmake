@@ -32,6 +32,9 @@ if(HOLDFAST_SERVER OR HOLDFAST_TRAINING)
     target_link_libraries(holdfast_torch INTERFACE OpenMP::OpenMP_CXX)
   endif()
 endif()
+if(HOLDFAST_TRAINING)
+  find_package(PNG REQUIRED)
+endif()
 if(HOLDFAST_SERVER)
   find_package(Boost 1.74 REQUIRED)  # Asio and Beast, which are headers alone
   # ThreadSanitizer knows no fences. Asio's order nothing here that its mutexes do not.

@@ -68,7 +68,7 @@ absl::Status ParseType(const std::string& type, NpyHeader& header) {
                      absl::StrContains("<|=", type.substr(0, 1)) && absl::StrContains("fiub", type.substr(1, 1));
   const int bytes = known ? type[2] - '0' : 0;
   const bool sized = bytes == 1 || bytes == 2 || bytes == 4 || bytes == 8;
-  const bool fits = known && ((type[1] == 'b' && bytes == 1) || (type[1] == 'f' && bytes >= 4) ||
+  const bool fits = known && ((type[1] == 'b' && bytes == 1) || (type[1] == 'f' && bytes >= 2) ||
                               ((type[1] == 'i' || type[1] == 'u') && sized));
   if (!fits || (type[1] == 'f' && !sized)) {
     return absl::UnimplementedError(absl::StrCat("arrays of type '", type.substr(0, 32), "' are not read"));

@@ -25,10 +25,22 @@ float ValueAt(const char* bytes) {
   return static_cast<float>(value);
 }
 
+// Of an IEEE 754 number of 16 bits.
+float HalfAt(const char* bytes) {
+  uint16_t half;
+  std::memcpy(&half, bytes, sizeof(half));
+  const int exponent = half >> 10 & 31, fraction = half & 1023;
+  const float sign = half >> 15 != 0 ? -1.0f : 1.0f;
+  if (exponent == 0) return sign * std::ldexp(static_cast<float>(fraction), -24);
+  if (exponent < 31) return sign * std::ldexp(static_cast<float>(1024 + fraction), exponent - 25);
+  return fraction != 0 ? std::nanf("") : sign * std::numeric_limits<float>::infinity();
+}
+
 using Converter = float (*)(const char*);
 
 Converter ConverterOf(const NpyHeader& header) {
   const bool is_signed = header.kind == 'i';
+  if (header.kind == 'f' && header.item_bytes == 2) return &HalfAt;
   if (header.kind == 'f') return header.item_bytes == 4 ? &ValueAt<float> : &ValueAt<double>;
   if (header.item_bytes == 1) return is_signed ? &ValueAt<int8_t> : &ValueAt<uint8_t>;
   if (header.item_bytes == 2) return is_signed ? &ValueAt<int16_t> : &ValueAt<uint16_t>;

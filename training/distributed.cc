@@ -10,6 +10,7 @@
 #include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
 #endif
 #include <algorithm>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -113,6 +114,9 @@ absl::Status ReadNumber(const char* name, const char* text, int64_t fallback, in
 absl::Status GroupOptions::Validate() const {
   if (world < 1) return absl::InvalidArgumentError("WORLD_SIZE must be 1 or more");
   if (rank < 0 || rank >= world) return absl::InvalidArgumentError("RANK must be in 0 .. WORLD_SIZE - 1");
+  if (local_rank >= world || local_rank > std::numeric_limits<c10::DeviceIndex>::max()) {
+    return absl::InvalidArgumentError("LOCAL_RANK must be below WORLD_SIZE");
+  }
   if (world == 1) return absl::OkStatus();
   if (address.empty()) return absl::InvalidArgumentError("MASTER_ADDR is needed when WORLD_SIZE is above 1");
   if (port < 1 || port > 65535) return absl::InvalidArgumentError("MASTER_PORT must be in 1 .. 65535");
@@ -124,6 +128,7 @@ absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<con
   int64_t port = 0;
   for (const absl::Status& status : {ReadNumber("RANK", getenv("RANK"), 0, options.rank),
                                      ReadNumber("WORLD_SIZE", getenv("WORLD_SIZE"), 1, options.world),
+                                     ReadNumber("LOCAL_RANK", getenv("LOCAL_RANK"), -1, options.local_rank),
                                      ReadNumber("MASTER_PORT", getenv("MASTER_PORT"), 0, port)}) {
     if (!status.ok()) return status;
   }
@@ -132,6 +137,11 @@ absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<con
   const absl::Status status = options.Validate();
   if (!status.ok()) return status;
   return options;
+}
+
+torch::Device DeviceOf(const torch::Device& told, const GroupOptions& options) {
+  if (!told.is_cuda() || told.has_index() || options.local_rank < 0) return told;
+  return {told.type(), static_cast<c10::DeviceIndex>(options.local_rank)};
 }
 
 absl::StatusOr<std::unique_ptr<ProcessGroup>> ProcessGroup::Join(const GroupOptions& options,

@@ -22,13 +22,19 @@ struct GroupOptions {
   std::string address;                         // host of rank 0
   int port = 0;                                // at which rank 0 listens
   absl::Duration timeout = absl::Minutes(30);  // for the others to join, and for each exchange
+  int64_t local_rank = -1;                     // among the processes of this machine; negative: not told
 
   absl::Status Validate() const;
 };
 
-// The variables RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT, as torchrun and Kubernetes operators set them; without
-// WORLD_SIZE a single process. 'getenv' is as std::getenv. INVALID_ARGUMENT names the variable.
+// The variables RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT, as torchrun and Kubernetes operators set them, and
+// LOCAL_RANK, as torchrun does; without WORLD_SIZE a single process. 'getenv' is as std::getenv. INVALID_ARGUMENT names
+// the variable.
 absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<const char*(const char*)>& getenv);
+
+// The device of this process where all of a machine are told the same: "cuda" without a number is the GPU of its local
+// rank.
+torch::Device DeviceOf(const torch::Device& told, const GroupOptions& options);
 
 // The processes of one job. Every process calls the same methods in the same order; one thread. A process that died
 // makes them fail with UNAVAILABLE, after which the group is of no more use.

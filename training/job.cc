@@ -15,6 +15,7 @@
 #include "model/checkpoint/safetensors.h"
 #include "model/presets.h"
 #include "model/thread_count.h"
+#include "training/data/loader.h"
 #include "training/loss/clip_targets.h"
 #include "training/precision_choice.h"
 #include "training/report/console.h"
@@ -51,10 +52,14 @@ absl::StatusOr<torch::Tensor> CalibrationFrames(const TrainRequest& request) {
   const absl::StatusOr<std::unique_ptr<Dataset>> data =
       OpenTrainingData(request.data, request.trainer.recipe.phases.front());
   if (!data.ok()) return data.status();
-  Rng rng(request.data.seed, 0);
-  const absl::StatusOr<Sample> sample = (*data)->Get(0, rng);
-  if (!sample.ok()) return sample.status();
-  const absl::StatusOr<ClipTensors> clip = ToTensors(*sample, request.network.stride);
+  LoaderOptions options;
+  options.workers = 0;
+  options.seed = request.data.seed;
+  const auto loader = Loader::Create(**data, options);
+  if (!loader.ok()) return loader.status();
+  const absl::StatusOr<std::vector<Sample>> samples = (*loader)->Next();
+  if (!samples.ok()) return samples.status();
+  const absl::StatusOr<ClipTensors> clip = ToTensors(samples->front(), request.network.stride);
   if (!clip.ok()) return clip.status();
   return clip->frames;
 }

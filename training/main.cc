@@ -10,6 +10,7 @@
 #include "program/flags.h"
 #include "program/network_process.h"
 #include "program/termination.h"
+#include "training/distributed.h"
 #include "training/flags.h"
 #include "training/job.h"
 
@@ -44,10 +45,11 @@ int Main(const std::vector<std::string>& args) {
   StopSignal stop;
   stop.SetCallback([&asked_to_stop] { asked_to_stop = true; });
   const TerminationWatcher watcher(stop);
-  const absl::StatusOr<TrainRequest> request = ReadRequest(args);
+  absl::StatusOr<TrainRequest> request = ReadRequest(args);
   if (!request.ok()) return Fail(request.status(), kUsageError);
   const absl::StatusOr<GroupOptions> group = GroupOptionsFromEnvironment(std::getenv);
   if (!group.ok()) return Fail(group.status(), kUsageError);
+  request->trainer.device = DeviceOf(request->trainer.device, *group);
   const absl::Status status = RunTraining(*request, *group, asked_to_stop);
   return status.ok() ? EXIT_SUCCESS : Fail(status, kFailure);
 }

@@ -26,7 +26,8 @@ absl::StatusOr<std::string> SaveOptimizer(const torch::optim::Optimizer& optimiz
 absl::Status LoadOptimizer(const std::string& bytes, torch::optim::Optimizer& optimizer) {
   try {
     torch::serialize::InputArchive archive;
-    archive.load_from(bytes.data(), bytes.size());
+    // By itself it would put tensors on the device they were saved from, which may be another one or not there.
+    archive.load_from(bytes.data(), bytes.size(), optimizer.param_groups().at(0).params().at(0).device());
     optimizer.load(archive);
     return absl::OkStatus();
   } catch (const std::exception& e) {

@@ -43,13 +43,18 @@ ScoredVideo Score(PointModelImpl& network, const Sample& sample, const ClipTenso
 
 absl::StatusOr<Validation> Validation::Create(const Dataset& dataset, int64_t clips, uint64_t seed,
                                               int64_t iterations) {
+  constexpr int kMaxFailures = 100;  // in a row; a data set may have no end
   std::vector<Sample> samples;
+  int failures = 0;
   absl::Status last = absl::FailedPreconditionError("the validation set is empty");
   for (size_t i = 0; i < dataset.size() && static_cast<int64_t>(samples.size()) < clips; ++i) {
+    if (failures == kMaxFailures) break;
+    ++failures;
     Rng rng(seed, i);
     absl::StatusOr<Sample> sample = dataset.Get(i, rng);
     if (sample.ok() && sample->num_points() > 0) {
       samples.push_back(*std::move(sample));
+      failures = 0;
     } else if (!sample.ok()) {
       last = sample.status();
     }

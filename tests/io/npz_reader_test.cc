@@ -4,9 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <limits>
 
 #include "io/npz_writer.h"
 #include "tests/support/npy_bytes.h"
@@ -58,7 +60,7 @@ TEST(NpyHeaderTest, ReadsScalarsVectorsAndEmptyArrays) {
 TEST(NpyHeaderTest, RefusesTypesAndOrdersItCannotRead) {
   for (const char* text : {"{'descr': '>f4', 'fortran_order': False, 'shape': (1,), }",
                            "{'descr': '|O', 'fortran_order': False, 'shape': (1,), }",
-                           "{'descr': '<f2', 'fortran_order': False, 'shape': (1,), }",
+                           "{'descr': '<f1', 'fortran_order': False, 'shape': (1,), }",
                            "{'descr': '<U9', 'fortran_order': False, 'shape': (1,), }",
                            "{'descr': '<f4', 'fortran_order': True, 'shape': (1,), }"}) {
     EXPECT_THAT(Parse(text), StatusIs(absl::StatusCode::kUnimplemented)) << text;
@@ -103,6 +105,18 @@ TEST_F(NpzTest, ReadsTheRowsAskedFor) {
   EXPECT_THAT(npz->ReadRows("b", {0, 1, 2})->values, ElementsAre(1, 0, 1));
   EXPECT_THAT(npz->ReadRows("c", {2})->values, ElementsAre(-2.5f));
   EXPECT_THAT(npz->ReadRows("d", {0, 1})->values, ElementsAre(-7, 8));
+}
+
+// 1, -2.5, the largest, the smallest, both infinities and what is no number, as numpy writes them.
+TEST_F(NpzTest, ReadsNumbersOf16Bits) {
+  const std::vector<uint16_t> halves = {0x3c00, 0xc100, 0x7bff, 0x0001, 0x7c00, 0xfc00, 0x7e00};
+  const auto npz = NpzFile::Open(Write({{"a", NpyBytes<uint16_t>("<f2", {1, 7}, halves)}}));
+  ASSERT_THAT(npz, IsOk());
+  std::vector<float> values = npz->ReadRows("a", {0})->values;
+  EXPECT_TRUE(std::isnan(values.back()));
+  values.pop_back();
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  EXPECT_THAT(values, ElementsAre(1, -2.5f, 65504, std::ldexp(1.0f, -24), kInfinity, -kInfinity));
 }
 
 TEST_F(NpzTest, ReadsALongRowToItsEnd) {

@@ -71,7 +71,18 @@ TEST(GroupOptionsTest, ReadsTheStandardVariables) {
   EXPECT_EQ(options->port, 29500);
 }
 
+TEST(GroupOptionsTest, EachProcessOfAMachineHasAGpuOfItsOwn) {
+  const auto options =
+      From({{"RANK", "3"}, {"LOCAL_RANK", "1"}, {"WORLD_SIZE", "4"}, {"MASTER_ADDR", "a"}, {"MASTER_PORT", "1"}});
+  ASSERT_THAT(options, IsOk());
+  EXPECT_EQ(DeviceOf(torch::Device("cuda"), *options), torch::Device("cuda:1"));
+  EXPECT_EQ(DeviceOf(torch::Device("cuda:0"), *options), torch::Device("cuda:0")) << "told";
+  EXPECT_EQ(DeviceOf(torch::Device("cpu"), *options), torch::Device("cpu"));
+  EXPECT_EQ(DeviceOf(torch::Device("cuda"), GroupOptions()), torch::Device("cuda"));
+}
+
 TEST(GroupOptionsTest, NamesTheVariableThatIsWrong) {
+  EXPECT_THAT(From({{"LOCAL_RANK", "1"}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("LOCAL_RANK")));
   EXPECT_THAT(From({{"WORLD_SIZE", "two"}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("WORLD_SIZE")));
   EXPECT_THAT(From({{"WORLD_SIZE", "2"}, {"RANK", "2"}}),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("RANK")));

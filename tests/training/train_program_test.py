@@ -116,6 +116,27 @@ class TrainProgramTest(unittest.TestCase):
             _, errors = rank.communicate()
             self.assertEqual(rank.returncode, 0, errors)
 
+    def write_clip(self, name, frames):
+        """Pictures of 64 x 64 whose four points stand still."""
+        folder = self.folder / "clips" / name / "frames"
+        folder.mkdir(parents=True)
+        for number in range(frames):
+            (folder / f"{number:05d}.png").write_bytes(png(64))
+        points = [{"frames": list(range(frames)), "xy": [[x, 20]] * frames, "visible": [True] * frames}
+                  for x in (10, 20, 30, 40)]
+        (folder.parent / "tracks.json").write_text(json.dumps({"width": 64, "height": 64, "points": points}))
+
+    def test_clips_that_are_too_short_hinder_no_start_from_weights(self):
+        first = self.folder / "first"
+        self.assertEqual(train(first, "--steps=1").returncode, 0)
+        for name in "abc":
+            self.write_clip(name, 3)
+        self.write_clip("d", 24)
+        for seed in (1, 2):
+            result = train(self.folder / f"out{seed}", "--steps=1", f"--init={first / 'final.safetensors'}",
+                           "--format=neutral", f"--data={self.folder / 'clips'}", f"--seed={seed}")
+            self.assertEqual(result.returncode, 0, result.stderr)
+
     def test_sigterm_writes_a_checkpoint_and_ends_well(self):
         out = self.folder / "out"
         process = subprocess.Popen(command(out, "--steps=100000", "--checkpoint_every=0"), stdout=subprocess.PIPE,

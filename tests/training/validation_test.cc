@@ -118,6 +118,16 @@ TEST(ValidationTest, WithoutAnyClipTheLastReasonIsTold) {
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("b")));
 }
 
+class EndlesslyDamaged final : public Dataset {
+ public:
+  size_t size() const override { return size_t{1} << 62; }
+  absl::StatusOr<Sample> Get(size_t, Rng&) const override { return absl::DataLossError("damaged"); }
+};
+
+TEST(ValidationTest, ADataSetWithoutEndOfDamagedClipsIsGivenUp) {
+  EXPECT_THAT(Validation::Create(EndlesslyDamaged(), 8, 1, 2), StatusIs(absl::StatusCode::kDataLoss));
+}
+
 TEST(ValidationTest, AClipThatTheNetworkCannotTakeIsAnError) {
   Sample odd = MovingTexture(8, {60, 64}, {0, 0}, {{20, 20}});
   const auto validation = Validation::Create(ListDataset({odd}), 1, 5, 1);

@@ -1,17 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/data/image_files.h"
 
+#include <png.h>
+
 #include <algorithm>
 #include <array>
 #include <filesystem>
+#include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 
 namespace holdfast {
 namespace {
+
+constexpr int64_t kMaxMaskPixels = int64_t{1} << 28;
+constexpr int kMedianReach = 3;  // pixels to each side
 
 absl::StatusOr<cv::Mat> ReadImage(const std::string& path, int flags) {
   std::error_code error;
@@ -38,39 +45,58 @@ absl::Status SizeDiffers(const std::string& path) {
   return absl::DataLossError(absl::StrCat(path, " differs in size from the pictures before it"));
 }
 
-// Median of the labels (not 0) in the 7 x 7 pixels about (x, y); 0 without any.
-int32_t LabelAround(const cv::Mat& mask, int x, int y) {
-  constexpr int kReach = 3;
-  constexpr size_t kSide = 2 * kReach + 1;
-  std::array<int32_t, kSide * kSide> labels;
-  size_t count = 0;
-  for (int j = std::max(y - kReach, 0); j <= std::min(y + kReach, mask.rows - 1); ++j) {
-    for (int i = std::max(x - kReach, 0); i <= std::min(x + kReach, mask.cols - 1); ++i) {
-      const int32_t label = mask.at<int32_t>(j, i);
-      if (label != 0) labels[count++] = label;
-    }
-  }
-  if (count == 0) return 0;
-  std::nth_element(labels.begin(), labels.begin() + static_cast<int64_t>(count / 2),
-                   labels.begin() + static_cast<int64_t>(count));
-  return labels[count / 2];
+// Whether a PNG's pixels are places in a palette, which is of no more meaning where they are ids.
+bool HasPalette(const std::string& path) {
+  constexpr size_t kColourType = 25;  // behind the signature, in the header that comes first
+  constexpr char kPalette = 3;
+  char head[kColourType + 1] = {};
+  std::ifstream file(path, std::ios::binary);
+  return file.read(head, sizeof(head)) && absl::string_view(head, 8) == "\x89PNG\r\n\x1a\n" &&
+         head[kColourType] == kPalette;
 }
 
-// One ring of the hole: its pixels near labels take the median of those.
-bool FillRing(std::vector<cv::Point>& hole, cv::Mat& mask) {
-  std::vector<std::pair<cv::Point, int32_t>> filled;
-  std::vector<cv::Point> rest;
-  for (const cv::Point at : hole) {
-    const int32_t label = LabelAround(mask, at.x, at.y);
-    if (label == 0) {
-      rest.push_back(at);
-    } else {
-      filled.emplace_back(at, label);
+// [H, W] CV_8UC1, the places in the palette; OpenCV would give the colours that stand there.
+absl::StatusOr<cv::Mat> ReadPaletteIndices(const std::string& path) {
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  const auto unreadable = [&] {
+    png_image_free(&image);
+    return absl::DataLossError(absl::StrCat("cannot read the picture ", path));
+  };
+  if (png_image_begin_read_from_file(&image, path.c_str()) == 0) return unreadable();
+  if (int64_t{image.width} * image.height > kMaxMaskPixels) return unreadable();
+  image.format = PNG_FORMAT_RGBA_COLORMAP;  // with a palette of its own a picture keeps its indices
+  cv::Mat indices(static_cast<int>(image.height), static_cast<int>(image.width), CV_8UC1);
+  std::array<png_byte, PNG_IMAGE_SAMPLE_SIZE(PNG_FORMAT_RGBA) * 256> palette;
+  if (png_image_finish_read(&image, nullptr, indices.data, image.width, palette.data()) == 0) return unreadable();
+  return indices;
+}
+
+// One id for each colour: black is 0.
+cv::Mat IdsOfColours(const cv::Mat& image) {
+  cv::Mat ids(image.size(), CV_32SC1);
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      const uchar* const pixel = image.ptr<uchar>(y) + static_cast<ptrdiff_t>(x) * image.channels();
+      ids.at<int32_t>(y, x) = pixel[0] | pixel[1] << 8 | pixel[2] << 16;
     }
   }
-  for (const auto& [at, label] : filled) mask.at<int32_t>(at) = label;
-  hole = std::move(rest);
-  return !filled.empty();
+  return ids;
+}
+
+// Median of the 7 x 7 pixels about (x, y).
+int32_t MedianAround(const cv::Mat& mask, int x, int y) {
+  constexpr int kSide = 2 * kMedianReach + 1;
+  std::array<int32_t, kSide * kSide> labels{};
+  auto end = labels.begin();
+  for (int j = std::max(y - kMedianReach, 0); j <= std::min(y + kMedianReach, mask.rows - 1); ++j) {
+    for (int i = std::max(x - kMedianReach, 0); i <= std::min(x + kMedianReach, mask.cols - 1); ++i) {
+      *end++ = mask.at<int32_t>(j, i);
+    }
+  }
+  const auto middle = labels.begin() + (end - labels.begin()) / 2;
+  std::nth_element(labels.begin(), middle, end);
+  return *middle;
 }
 
 }  // namespace
@@ -82,14 +108,14 @@ absl::StatusOr<cv::Mat> ReadFrame(const std::string& path) {
 }
 
 absl::StatusOr<cv::Mat> ReadMask(const std::string& path) {
-  absl::StatusOr<cv::Mat> image = ReadImage(path, cv::IMREAD_UNCHANGED);
+  absl::StatusOr<cv::Mat> image = HasPalette(path) ? ReadPaletteIndices(path) : ReadImage(path, cv::IMREAD_UNCHANGED);
   if (!image.ok()) return image;
-  if (image->depth() != CV_8U && image->depth() != CV_16U) {
-    return absl::DataLossError(absl::StrCat(path, " is not a mask of 8 or 16 bits"));
+  if (image->channels() >= 3 && image->depth() == CV_8U) return IdsOfColours(*image);
+  if (image->channels() != 1 || (image->depth() != CV_8U && image->depth() != CV_16U)) {
+    return absl::DataLossError(absl::StrCat(path, " is not a mask: expected one channel of 8 or 16 bits, or colours"));
   }
-  cv::Mat first, ids;
-  cv::extractChannel(*image, first, 0);
-  first.convertTo(ids, CV_32S);
+  cv::Mat ids;
+  image->convertTo(ids, CV_32S);
   return ids;
 }
 
@@ -134,20 +160,21 @@ absl::Status ReadMasks(const std::vector<std::string>& paths, Sample& sample) {
 }
 
 void FillHoles(int min_pixels, cv::Mat& mask) {
-  constexpr int kRounds = 16;  // of three pixels each: deeper insides stay unlabelled
-  cv::Mat labels, statistics, centres;
-  const int count = cv::connectedComponentsWithStats(mask == 0, labels, statistics, centres, 8, CV_32S);
-  std::vector<cv::Point> hole;
+  constexpr int kSide = 2 * kMedianReach + 1;
+  const cv::Mat unlabelled = mask == 0;
+  cv::Mat near, holes, statistics, centres;
+  cv::dilate(mask != 0, near, cv::getStructuringElement(cv::MORPH_RECT, {kSide, kSide}));
+  cv::connectedComponentsWithStats(unlabelled, holes, statistics, centres, 8, CV_32S);
+  cv::Mat filled = mask.clone();
   for (int y = 0; y < mask.rows; ++y) {
     for (int x = 0; x < mask.cols; ++x) {
-      const int label = labels.at<int32_t>(y, x);
-      if (label > 0 && label < count && statistics.at<int32_t>(label, cv::CC_STAT_AREA) > min_pixels)
-        hole.emplace_back(x, y);
+      const int hole = holes.at<int32_t>(y, x);
+      if (hole == 0 || near.at<uchar>(y, x) == 0) continue;
+      if (statistics.at<int32_t>(hole, cv::CC_STAT_AREA) <= min_pixels) continue;
+      filled.at<int32_t>(y, x) = MedianAround(mask, x, y);
     }
   }
-  for (int round = 0; round < kRounds && !hole.empty(); ++round) {
-    if (!FillRing(hole, mask)) return;
-  }
+  mask = std::move(filled);
 }
 
 void ScaleTracks(ImageSize from, Sample& sample) {

@@ -15,7 +15,8 @@ namespace holdfast {
 
 // [H, W] CV_8UC3 RGB. NOT_FOUND or DATA_LOSS with the path.
 absl::StatusOr<cv::Mat> ReadFrame(const std::string& path);
-// [H, W] CV_32SC1 ids from the first channel of an 8 or 16 bit picture.
+// [H, W] CV_32SC1 ids: grey values of 8 or 16 bits, places in the palette of a PNG that has one (as PointOdyssey's
+// have), or colours, blue + 256 green + 65536 red.
 absl::StatusOr<cv::Mat> ReadMask(const std::string& path);
 // The other way round; the extension chooses the format, which for masks must hold 16 bits. UNAVAILABLE with the path.
 absl::Status WriteFrame(const std::string& path, const cv::Mat& frame, int jpeg_quality = 95);
@@ -26,8 +27,9 @@ absl::Status WriteMask(const std::string& path, const cv::Mat& mask);
 absl::Status ReadFrames(const std::vector<std::string>& paths, ImageSize size, Sample& sample);
 absl::Status ReadMasks(const std::vector<std::string>& paths, Sample& sample);
 
-// Gives the unlabelled (0) parts of a mask [H, W] CV_32SC1 that are larger than 'min_pixels' the median of the labels
-// about them (7 x 7, as far as it reaches in a few rounds): fog and smoke leave such holes.
+// Gives the pixels of unlabelled (0) parts of a mask [H, W] CV_32SC1 that are larger than 'min_pixels' the median of
+// the 7 x 7 pixels about them, the unlabelled ones among them: it mends the seams that fog and smoke leave, and an
+// object's outline stays where it is.
 void FillHoles(int min_pixels, cv::Mat& mask);
 
 // Tracks of 'sample' from pixels of frames of 'from' to pixels of its own frames.

@@ -65,13 +65,20 @@ void Sample::AllocatePoints(int64_t points) {
   tracks.assign(2 * cells, 0.f);
   visible.assign(cells, 0);
   valid.assign(cells, 0);
+  hidden.clear();
   object_ids.assign(static_cast<size_t>(points), 0);
+}
+
+void Sample::SetHidden(int64_t frame, int64_t point) {
+  hidden.resize(valid.size(), 0);
+  hidden[At(frame, point)] = 1;
 }
 
 void Sample::SelectPoints(const std::vector<int64_t>& points) {
   tracks = Gather(tracks, num_frames(), num_points(), 2, points);
   visible = Gather(visible, num_frames(), num_points(), 1, points);
   valid = Gather(valid, num_frames(), num_points(), 1, points);
+  if (!hidden.empty()) hidden = Gather(hidden, num_frames(), num_points(), 1, points);
   object_ids = Gather(object_ids, 1, num_points(), 1, points);
 }
 
@@ -82,6 +89,7 @@ absl::Status Sample::Validate() const {
   if (tracks.size() != 2 * cells || visible.size() != cells || valid.size() != cells) {
     return Broken(*this, absl::StrCat("tracks, visible and valid do not have ", num_frames(), " x ", num_points()));
   }
+  if (!hidden.empty() && hidden.size() != cells) return Broken(*this, "hidden has another size than valid");
   if (!std::all_of(tracks.begin(), tracks.end(), [](float v) { return std::isfinite(v); })) {
     return Broken(*this, "a position is not finite");
   }
@@ -89,6 +97,9 @@ absl::Status Sample::Validate() const {
     for (int64_t n = 0; n < num_points(); ++n) {
       if (Visible(s, n) && !(Valid(s, n) && Inside(Position(s, n)))) {
         return Broken(*this, absl::StrCat("point ", n, " is visible in frame ", s, " but not valid or not inside"));
+      }
+      if (!hidden.empty() && hidden[At(s, n)] != 0 && Valid(s, n)) {
+        return Broken(*this, absl::StrCat("point ", n, " is valid in frame ", s, " and hidden nobody knows where"));
       }
     }
   }

@@ -19,6 +19,7 @@ struct Sample {
   std::vector<float> tracks;        // [S, N, 2] (x, y), pixels; always finite; any value where not valid
   std::vector<uint8_t> visible;     // [S, N] 0 or 1; 1 implies valid and inside the frame
   std::vector<uint8_t> valid;       // [S, N] 0 or 1: the label can be trusted, visible or not
+  std::vector<uint8_t> hidden;      // [S, N] 1: not valid, but known to be hidden. Empty: nothing of the kind is known
   std::vector<int32_t> object_ids;  // [N] mask id of the object the point lies on; 0: none or unknown
   std::vector<cv::Mat> masks;       // S x [H, W] CV_32SC1, object ids; 0: unlabelled. Empty: the source has no masks
   std::string source;               // data set and sequence, for reports
@@ -54,6 +55,8 @@ struct Sample {
 
   // Gives N x S arrays of zeros; frames must be there.
   void AllocatePoints(int64_t points);
+  // Says that a point is hidden and nobody knows where.
+  void SetHidden(int64_t frame, int64_t point);
   // Keeps the given points, in the given order.
   void SelectPoints(const std::vector<int64_t>& points);
 

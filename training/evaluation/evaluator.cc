@@ -131,6 +131,7 @@ ScoredVideo ToScoredVideo(const Sample& clip, const std::vector<int64_t>& query_
   video.truth = clip.tracks;
   video.valid = clip.valid;
   video.true_visible = clip.visible;
+  video.hidden = clip.hidden;
   if (clip.has_masks()) {
     video.object_ids = clip.object_ids;
     video.estimate_ids = IdsUnder(clip, estimate.positions);

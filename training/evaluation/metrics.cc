@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 namespace holdfast {
@@ -11,10 +12,11 @@ namespace {
 constexpr double kScoredSide = 256;  // pixels
 constexpr std::array<double, 5> kThresholds = {1, 2, 4, 8, 16};
 
-// One valid frame of one track, after its query.
+// One frame of one track, after its query, of which there is some truth.
 struct Pair {
   int64_t frames_since_query = 0;
-  double error = 0;  // pixels of a 256x256 frame
+  bool placed = false;  // it is known where the point is
+  double error = 0;     // pixels of a 256x256 frame
   bool truly_visible = false;
   bool visible = false;   // as estimated
   bool has_mask = false;  // it is known what the point and its estimate lie on
@@ -27,14 +29,21 @@ Track CollectTrack(const ScoredVideo& video, int64_t point) {
   const int64_t query = video.query_frames[point];
   for (int64_t frame = query + 1; frame < video.frames; ++frame) {
     const int64_t index = video.Index(frame, point);
-    if (!video.valid[index]) continue;
-    Pair pair{frame - query, ScoredError(video, index), video.true_visible[index] != 0,
+    const bool placed = video.valid[index] != 0;
+    if (!placed && (video.hidden.empty() || video.hidden[index] == 0)) continue;
+    Pair pair{frame - query, placed, ScoredError(video, index), video.true_visible[index] != 0,
               !video.visible.empty() && video.visible[index] != 0};
     pair.has_mask = !video.estimate_ids.empty() && video.object_ids[point] != 0;
     pair.strayed = pair.has_mask && video.estimate_ids[index] != video.object_ids[point];
     track.push_back(pair);
   }
   return track;
+}
+
+Track Placed(const Track& track) {
+  Track placed;
+  std::copy_if(track.begin(), track.end(), std::back_inserter(placed), [](const Pair& pair) { return pair.placed; });
+  return placed;
 }
 
 // Percentage of the pairs that 'selects' takes whose error is below a threshold, mean over the thresholds.
@@ -136,13 +145,14 @@ const std::array<MetricColumn, 9>& MetricColumns() {
 }
 
 Metrics ComputeMetrics(const ScoredVideo& video) {
-  std::vector<Track> tracks;
+  std::vector<Track> tracks, all;
   Metrics metrics;
   double survival_50 = 0;
   double survival_16 = 0;
   double median_errors = 0;
   for (int64_t point = 0; point < video.points; ++point) {
-    Track track = CollectTrack(video, point);
+    all.push_back(CollectTrack(video, point));
+    Track track = Placed(all.back());
     if (track.empty()) continue;
     const int64_t frames_after_query = video.frames - 1 - video.query_frames[point];
     survival_50 += SurvivalOf(track, frames_after_query, 50);
@@ -157,7 +167,7 @@ Metrics ComputeMetrics(const ScoredVideo& video) {
   metrics.survival_50 = survival_50 / tracks.size();
   metrics.survival_16 = survival_16 / tracks.size();
   metrics.mte = median_errors / tracks.size();
-  if (!video.visible.empty()) AddVisibilityMetrics(tracks, metrics);
+  if (!video.visible.empty()) AddVisibilityMetrics(all, metrics);
   metrics.left_object = ShareStrayed(tracks);
   return metrics;
 }

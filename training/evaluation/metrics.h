@@ -21,6 +21,7 @@ struct ScoredVideo {
   std::vector<float> truth;           // [S, N, 2]
   std::vector<uint8_t> valid;         // [S, N]; 0: there is no truth here
   std::vector<uint8_t> true_visible;  // [S, N]
+  std::vector<uint8_t> hidden;        // [S, N] 1: hidden, and nobody knows where (not valid); empty: none is
   std::vector<float> estimate;        // [S, N, 2]
   std::vector<uint8_t> visible;       // [S, N] estimated; empty: the tracker says nothing about visibility
   std::vector<float> confidence;      // [S, N] in [0, 1]; empty: the tracker says nothing about it
@@ -38,6 +39,7 @@ struct Metrics {
   std::optional<double> survival_50;  // share of the frames before the error first exceeds 50 px, mean over tracks
   std::optional<double> survival_16;  // the same at 16 px
   std::optional<double> mte;          // median error of each track, mean over tracks; pixels
+  // These two count frames whose points are hidden nobody knows where, too.
   std::optional<double> oa;           // share of pairs whose visibility is right
   std::optional<double> aj;           // average Jaccard of TAP-Vid over the thresholds of delta_avg
   std::optional<double> left_object;  // share of the truly visible pairs whose estimate lies on another object

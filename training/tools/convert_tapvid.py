@@ -6,8 +6,9 @@
   convert_tapvid.py PICKLE DIRECTORY [--quality 95]
 
 The pickle holds {name: {video [T, H, W, 3] uint8, points [N, T, 2] in 0..1, occluded [N, T]}} or a list of such values;
-videos may also be lists of encoded JPEG frames. Positions become pixels as x * (W - 1), y * (H - 1). Needs numpy and
-Pillow.
+videos may also be lists of encoded JPEG frames. Positions become pixels as x * (W - 1), y * (H - 1); where a point is
+occluded its position is null, since the set's rules score no position there, whatever stands in the file. Needs numpy
+and Pillow.
 
 Pickles can run code when they are read. This reader allows numpy arrays and plain containers and refuses all else.
 """
@@ -65,11 +66,11 @@ def checked(clip):
 def tracks(frames, points, occluded):
     entries = []
     for number, (xy, hidden) in enumerate(zip(points, occluded)):
-        labelled = np.flatnonzero(np.isfinite(xy).all(axis=1))
+        labelled = np.flatnonzero(hidden | np.isfinite(xy).all(axis=1))
         entries.append({
             "name": f"p{number}",
             "frames": labelled.tolist(),
-            "xy": np.round(xy[labelled], 3).tolist(),
+            "xy": [None if hidden[i] else np.round(xy[i], 3).tolist() for i in labelled],
             "visible": (~hidden[labelled]).tolist(),
         })
     height, width = frames.shape[1:3]

@@ -42,6 +42,11 @@ class Video {
   }
   Video& Hidden(int64_t frame, int64_t point) { return video_.true_visible[video_.Index(frame, point)] = 0, *this; }
   Video& Unknown(int64_t frame, int64_t point) { return video_.valid[video_.Index(frame, point)] = 0, *this; }
+  Video& HiddenSomewhere(int64_t frame, int64_t point) {
+    video_.hidden.resize(video_.valid.size(), 0);
+    video_.hidden[video_.Index(frame, point)] = 1;
+    return Hidden(frame, point).Unknown(frame, point);
+  }
   Video& SaidVisible(std::vector<uint8_t> visible) { return video_.visible = std::move(visible), *this; }
   // The objects that the points lie on, and those that the estimates do, [S, N].
   Video& Objects(std::vector<int32_t> points, std::vector<int32_t> estimates) {
@@ -154,6 +159,18 @@ TEST(MetricsTest, AverageJaccardFollowsTapVid) {
   // threshold, the last one a hit from 4 px on and a false alarm below. 1/5 at 1 and 2 px, 2/4 at 4, 8 and 16 px.
   const Metrics metrics = Video(5, 1).Hidden(2, 0).OffY(4, 0, 3).SaidVisible({1, 1, 1, 0, 1}).Score();
   EXPECT_THAT(metrics.aj, About(100 * (2 * 0.2 + 3 * 0.5) / 5));
+}
+
+// Of three frames after the query the second is hidden, nobody knows where: no position counts there, whether it is
+// said to be visible does.
+TEST(MetricsTest, WhereNobodyKnowsThePlaceOnlyVisibilityCounts) {
+  const Metrics metrics = Video(4, 1).HiddenSomewhere(2, 0).OffY(2, 0, 90).SaidVisible({1, 1, 1, 1}).Score();
+  EXPECT_THAT(metrics.delta_avg, About(100));
+  EXPECT_THAT(metrics.survival_16, About(100));
+  EXPECT_THAT(metrics.mte, About(0));
+  EXPECT_FALSE(metrics.delta_occ.has_value());
+  EXPECT_THAT(metrics.oa, About(100.0 * 2 / 3));
+  EXPECT_THAT(metrics.aj, About(100.0 * 2 / 3));
 }
 
 TEST(MetricsTest, AnEstimateHasLeftItsObjectWhereAnotherOneIsUnderIt) {

@@ -47,10 +47,10 @@ class ConvertTapVidTest(unittest.TestCase):
         tracks = self.tracks("goat")
         self.assertEqual((tracks["width"], tracks["height"]), (21, 11))
         first, second = tracks["points"]
-        self.assertEqual(first["xy"], [[0, 0], [10, 5], [20, 10]])
+        self.assertEqual(first["xy"], [[0, 0], None, [20, 10]])
         self.assertEqual(first["visible"], [True, False, True])
         self.assertEqual(second["frames"], [0, 2])
-        self.assertEqual(second["xy"], [[5, 1], [10, 0]])
+        self.assertEqual(second["xy"], [[5, 1], None])
         self.assertEqual(sorted(os.listdir(self.path("out", "goat", "frames"))), [f"{i:05d}.jpg" for i in range(3)])
         red = np.asarray(Image.open(self.path("out", "goat", "frames", "00001.jpg")))[5, 5]
         self.assertLess(np.abs(red.astype(int) - (200, 100, 0)).max(), 6)

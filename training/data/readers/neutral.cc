@@ -48,16 +48,21 @@ absl::StatusOr<json> ReadTracksFile(const std::string& path) {
 
 // Sets the labels of point n from one entry of 'frames', 'xy' and 'visible'; false if it is malformed.
 bool SetLabel(const json& frame, const json& xy, const json& visible, int64_t n, int64_t& last, Sample& sample) {
-  if (!frame.is_number_integer() || !xy.is_array() || xy.size() != 2 || !xy[0].is_number() || !xy[1].is_number())
-    return false;
-  if (!visible.is_boolean() && !visible.is_number()) return false;
+  if (!frame.is_number_integer() || !(visible.is_boolean() || visible.is_number())) return false;
   const int64_t s = frame.get<int64_t>();
-  const double x = xy[0].get<double>(), y = xy[1].get<double>();
-  if (s <= last || !(std::abs(x) < kFar && std::abs(y) < kFar)) return false;
-  last = s;
-  if (s >= sample.num_frames()) return true;  // of a part of the clip that is not asked for
-  const cv::Point2f position(static_cast<float>(x), static_cast<float>(y));
   const bool seen = visible.is_boolean() ? visible.get<bool>() : visible.get<double>() != 0;
+  if (s <= last) return false;
+  last = s;
+  const bool asked_for = s < sample.num_frames();  // of a part of the clip, perhaps
+  if (xy.is_null()) {
+    if (asked_for) sample.SetHidden(s, n);
+    return !seen;
+  }
+  if (!xy.is_array() || xy.size() != 2 || !xy[0].is_number() || !xy[1].is_number()) return false;
+  const double x = xy[0].get<double>(), y = xy[1].get<double>();
+  if (!(std::abs(x) < kFar && std::abs(y) < kFar)) return false;
+  if (!asked_for) return true;
+  const cv::Point2f position(static_cast<float>(x), static_cast<float>(y));
   sample.SetPosition(s, n, position);
   sample.valid[sample.At(s, n)] = 1;
   sample.visible[sample.At(s, n)] = seen && sample.Inside(position) ? 1 : 0;
@@ -155,7 +160,7 @@ class NeutralDataset : public Dataset {
     const auto cut = [&](const auto& all, int64_t width) {
       return std::decay_t<decltype(all)>(all.begin() + first * width, all.begin() + (first + count) * width);
     };
-    Sample part;
+    Sample part;  // what is hidden nobody knows where is of no use to who wants clips of one length, to train
     part.frames = cut(sample.frames, 1);
     if (sample.has_masks()) part.masks = cut(sample.masks, 1);
     part.tracks = cut(sample.tracks, 2 * points);
@@ -176,6 +181,11 @@ json PointJson(const Sample& sample, int64_t n) {
   json &frames = point["frames"] = json::array(), &xy = point["xy"] = json::array(),
        &visible = point["visible"] = json::array();
   for (int64_t s = 0; s < sample.num_frames(); ++s) {
+    if (!sample.hidden.empty() && sample.hidden[sample.At(s, n)] != 0) {
+      frames.push_back(s);
+      xy.push_back(nullptr);
+      visible.push_back(false);
+    }
     if (!sample.Valid(s, n)) continue;
     const cv::Point2f at = sample.Position(s, n);
     frames.push_back(s);

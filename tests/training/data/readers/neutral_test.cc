@@ -74,6 +74,27 @@ TEST_F(NeutralTest, ReadsSparseAnnotations) {
   EXPECT_NEAR(clip->frames[0].at<cv::Vec3b>(5, 5)[2], 199, 4) << "red, green, blue";
 }
 
+TEST_F(NeutralTest, APointMayBeHiddenNobodyKnowsWhere) {
+  WriteClip(R"({"width": 40, "height": 30, "points": [
+      {"frames": [0, 1, 2], "xy": [[1, 2], null, [3, 4]], "visible": [true, false, true]},
+      {"frames": [0], "xy": [[1, 2]], "visible": [true]}]})");
+  NeutralOptions options = Options();
+  const absl::StatusOr<Sample> clip = Get(options);
+  ASSERT_THAT(clip, IsOk());
+  EXPECT_THAT(clip->Validate(), IsOk());
+  EXPECT_EQ(clip->hidden, (std::vector<uint8_t>{0, 0, 1, 0, 0, 0}));
+  EXPECT_FALSE(clip->Valid(1, 0));
+  ASSERT_THAT(WriteNeutral(*clip, (root_.path() / "again" / "00000").string()), IsOk());
+  options.root = (root_.path() / "again").string();
+  EXPECT_EQ(Get(options)->hidden, clip->hidden);
+  options.points = 1;
+  EXPECT_EQ(Get(options)->hidden.size(), 3);
+  options.frames = 2;
+  EXPECT_THAT(Get(options)->hidden, ::testing::IsEmpty()) << "training has no use for it";
+  WriteClip(R"({"width": 40, "height": 30, "points": [{"frames": [0], "xy": [null], "visible": [true]}]})");
+  EXPECT_THAT(Get(Options()), StatusIs(absl::StatusCode::kDataLoss)) << "seen, but where?";
+}
+
 TEST_F(NeutralTest, WhatIsWrittenIsReadBack) {
   const Sample clip = SyntheticClip();
   ASSERT_THAT(WriteNeutral(clip, (root_.path() / "00000").string()), IsOk());

@@ -3,11 +3,14 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <png.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <opencv2/imgcodecs.hpp>
 #include <string>
 #include <vector>
 
@@ -164,16 +167,57 @@ TEST_F(PointOdysseyTest, PointsHiddenAtTheStartOrOnAMaskEdgeAreDropped) {
   EXPECT_EQ(clip->Position(0, 0).y, 28);
 }
 
-TEST_F(PointOdysseyTest, LargeHolesOfMasksAreFilledAndSmallOnesStay) {
+// As the data set's own exporter writes masks: colours of a palette that may differ from file to file.
+TEST_F(PointOdysseyTest, IdsOfMasksWithAPaletteAreItsPlaces) {
+  WriteSequence("ani", Annotations());
+  std::array<png_byte, 3 * 13> palette{};
+  for (size_t i = 3; i < palette.size(); ++i) palette[i] = static_cast<png_byte>(i % 3 == 2 ? 40 : 5 * i);  // one blue
+  std::vector<png_byte> places(static_cast<size_t>(kWidth * kHeight));
+  for (size_t i = 0; i < places.size(); ++i) places[i] = static_cast<png_byte>(i % kWidth * 13 / kWidth);
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  image.width = kWidth;
+  image.height = kHeight;
+  image.format = PNG_FORMAT_RGB_COLORMAP;
+  image.colormap_entries = 13;
+  const std::string path = (Sequence("ani") / "masks" / "mask_00001.png").string();
+  ASSERT_NE(png_image_write_to_file(&image, path.c_str(), 0, places.data(), kWidth, palette.data()), 0);
+  const absl::StatusOr<Sample> clip = Get(Options(), 0);
+  ASSERT_THAT(clip, IsOk());
+  for (int x = 0; x < kWidth; ++x) EXPECT_EQ(clip->masks[1].at<int32_t>(10, x), x * 13 / kWidth) << x;
+}
+
+TEST_F(PointOdysseyTest, AColourOfAMaskIsAnId) {
+  WriteSequence("ani", Annotations());
+  cv::Mat colours(kHeight, kWidth, CV_8UC3, cv::Scalar(1, 2, 3));
+  colours.colRange(0, 10).setTo(0);
+  ASSERT_TRUE(cv::imwrite((Sequence("ani") / "masks" / "mask_00001.png").string(), colours));
+  const absl::StatusOr<Sample> clip = Get(Options(), 0);
+  ASSERT_THAT(clip, IsOk());
+  EXPECT_EQ(clip->masks[1].at<int32_t>(10, 30), 1 + 256 * 2 + 65536 * 3);
+  EXPECT_EQ(clip->masks[1].at<int32_t>(10, 5), 0);
+}
+
+TEST_F(PointOdysseyTest, SeamsOfLargeHolesAreFilledAndSmallOnesStay) {
   WriteSequence("ani", Annotations());
   cv::Mat mask(kHeight, kWidth, CV_32SC1, cv::Scalar(50));
-  mask(cv::Rect(20, 20, 15, 15)).setTo(0);  // 225 pixels
+  mask(cv::Rect(20, 20, 60, 3)).setTo(0);  // 180 pixels
   mask(cv::Rect(70, 30, 5, 5)).setTo(0);
   ASSERT_THAT(WriteMask((Sequence("ani") / "masks" / "mask_00001.png").string(), mask), IsOk());
   const absl::StatusOr<Sample> clip = Get(Options(), 0);
   ASSERT_THAT(clip, IsOk());
-  EXPECT_EQ(clip->IdAt(1, {27, 27}), 50);
+  EXPECT_EQ(clip->IdAt(1, {27, 21}), 50);
   EXPECT_EQ(clip->IdAt(1, {72, 32}), 0);
+}
+
+TEST_F(PointOdysseyTest, ObjectsOnUnlabelledGroundDoNotGrow) {
+  WriteSequence("ani", Annotations());
+  cv::Mat mask(kHeight, kWidth, CV_32SC1, cv::Scalar(0));
+  mask(cv::Rect(20, 20, 15, 15)).setTo(50);
+  ASSERT_THAT(WriteMask((Sequence("ani") / "masks" / "mask_00001.png").string(), mask), IsOk());
+  const absl::StatusOr<Sample> clip = Get(Options(), 0);
+  ASSERT_THAT(clip, IsOk());
+  EXPECT_EQ(cv::countNonZero(clip->masks[1] != mask), 0);
 }
 
 TEST_F(PointOdysseyTest, ASequenceWithoutMasksHasNone) {
