@@ -27,10 +27,10 @@ inline v1::Emit EmitToProto(Emit emit) { return emit == Emit::kEveryFrame ? v1::
 
 // Empty: out of the range that google.protobuf.Timestamp has.
 inline std::optional<absl::Time> TimeFromProto(const google::protobuf::Timestamp& time) {
-  constexpr int64_t kMaxSeconds = int64_t{253402300799};  // year 9999
+  constexpr int64_t kMinSeconds = int64_t{-62135596800}, kMaxSeconds = int64_t{253402300799};  // years 1 and 9999
   const int64_t seconds = time.seconds();
   const int32_t nanos = time.nanos();
-  if (seconds < -kMaxSeconds || seconds > kMaxSeconds || nanos < 0 || nanos > 999'999'999) return std::nullopt;
+  if (seconds < kMinSeconds || seconds > kMaxSeconds || nanos < 0 || nanos > 999'999'999) return std::nullopt;
   return absl::FromUnixSeconds(seconds) + absl::Nanoseconds(nanos);
 }
 

@@ -5,7 +5,8 @@
 
 namespace holdfast {
 
-enum class RefusalReason { kLoading, kDraining, kStreams, kToken };
+// kStreams: as many as the server takes are open; kCaller: as many as the caller's token may have.
+enum class RefusalReason { kLoading, kDraining, kStreams, kCaller, kToken };
 enum class ResumeResult { kResumed, kRefused };
 enum class SpanResult { kSent, kDropped };
 

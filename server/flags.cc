@@ -158,6 +158,26 @@ absl::StatusOr<LogFormat> ParseLogFormat(const std::string& text) {
   return BadFlag("log_format", text, "text or json");
 }
 
+// Of flags that the options have by other names or in other units; the options check themselves.
+absl::Status CheckRanges() {
+  struct Range {
+    absl::string_view name;
+    double value, lowest, highest;
+  };
+  constexpr double kMost = 1 << 20;
+  for (const Range& flag : {Range{"hop", double(absl::GetFlag(FLAGS_hop)), 1, kMost},
+                            {"least_fps", absl::GetFlag(FLAGS_least_fps), 0, kMost},
+                            {"max_points", double(absl::GetFlag(FLAGS_max_points)), 1, kMaxPointsInMessage},
+                            {"max_frame_mib", double(absl::GetFlag(FLAGS_max_frame_mib)), 1, 2046},
+                            {"max_frame_megapixels", absl::GetFlag(FLAGS_max_frame_megapixels), 1e-3, kMost},
+                            {"max_session_frames", double(absl::GetFlag(FLAGS_max_session_frames)), 0, 1e18},
+                            {"cache_mib", double(absl::GetFlag(FLAGS_cache_mib)), 1, kMost * 1024}}) {
+    if (flag.value >= flag.lowest && flag.value <= flag.highest) continue;  // nor is NaN
+    return BadFlag(flag.name, absl::StrCat(flag.value), absl::StrCat(flag.lowest, " .. ", flag.highest));
+  }
+  return absl::OkStatus();
+}
+
 // Rounded, so that the default in millions is the default in pixels.
 int64_t PixelsFromMega(double megapixels) { return std::llround(megapixels * kMega); }
 
@@ -168,6 +188,7 @@ absl::StatusOr<std::string> WeightsFromFlags() {
 }
 
 absl::StatusOr<EngineOptions> EngineOptionsFromFlags() {
+  if (absl::Status status = CheckRanges(); !status.ok()) return status;
   EngineOptions options;
   const absl::StatusOr<std::string> weights = WeightsFromFlags();
   if (!weights.ok()) return weights.status();

@@ -69,6 +69,10 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
   if (!created.ok()) return created.status();
   engine = *std::move(created);
   metrics.ModelLoaded(engine->info());
+  if (asked_to_stop.HasBeenNotified()) {
+    log->info("asked to stop before it was ready");
+    return absl::OkStatus();
+  }
   (*server)->Serve(*engine);
   log->info(absl::StrCat("ready: ", Describe(engine->info())));
   if (!options.port_file.empty()) {

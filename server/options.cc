@@ -8,10 +8,17 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "api/address.h"
 #include "api/types.h"
 
 namespace holdfast {
 namespace {
+
+constexpr absl::Duration kMostGrace = absl::Hours(24 * 365);  // clients are told what is left of it
+
+absl::Status NoAddress(absl::string_view name, absl::string_view value) {
+  return absl::InvalidArgumentError(absl::StrCat(name, " is '", value, "', expected host:port"));
+}
 
 bool IsLogLevel(const std::string& level) {
   return level == "off" || spdlog::level::from_str(level) != spdlog::level::off;
@@ -32,14 +39,19 @@ absl::Status ServerOptions::Validate() const {
           absl::StrCat(name, " is ", absl::FormatDuration(duration), ", expected a positive duration or inf"));
     }
   }
-  if (grace_period < absl::ZeroDuration()) return absl::InvalidArgumentError("grace_period is negative");
+  if (grace_period < absl::ZeroDuration() || grace_period > kMostGrace) {
+    return absl::InvalidArgumentError(absl::StrCat("grace_period is ", absl::FormatDuration(grace_period),
+                                                   ", expected 0 .. ", absl::FormatDuration(kMostGrace)));
+  }
   if (absl::Status status = tls.Validate(); !status.ok()) return status;
   if (listen.empty()) return absl::InvalidArgumentError("listen is empty, expected host:port");
-  if (metrics_listen.empty()) return absl::InvalidArgumentError("metrics_listen is empty, expected host:port");
+  if (!SplitHostPort(metrics_listen)) return NoAddress("metrics_listen", metrics_listen);
+  if (!web_listen.empty() && !SplitHostPort(web_listen)) return NoAddress("web_listen", web_listen);
   if (engine.limits.max_points > kMaxPointsInMessage) {
     return absl::InvalidArgumentError(absl::StrCat("max_points is ", engine.limits.max_points, ", expected at most ",
                                                    kMaxPointsInMessage, ", the most of one message"));
   }
+  if (absl::Status status = engine.Validate(); !status.ok()) return status;
   if (engine.weights_path.empty()) return absl::InvalidArgumentError("weights is empty, expected a path");
   if (!IsLogLevel(log_level)) {
     return absl::InvalidArgumentError(

@@ -12,7 +12,7 @@
 
 namespace holdfast {
 
-// Everything a server can be told. The engine checks its own part when it is created.
+// Everything a server can be told.
 struct ServerOptions {
   std::string listen = "[::]:50051";            // host:port of gRPC; port 0: a free one
   std::string metrics_listen = "0.0.0.0:9464";  // host:port of /metrics, /healthz and /readyz; port 0: a free one

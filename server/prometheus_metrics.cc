@@ -80,6 +80,8 @@ const char* Name(RefusalReason reason) {
       return "draining";
     case RefusalReason::kStreams:
       return "streams";
+    case RefusalReason::kCaller:
+      return "caller";
     case RefusalReason::kToken:
       return "token";
   }
@@ -174,7 +176,8 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
   Impl::Prepare(impl_->frames, "result", {FrameResult::kTracked, FrameResult::kRejected, FrameResult::kDropped});
   Impl::Prepare(impl_->rejected, "reason", {RejectReason::kSessions, RejectReason::kMemory, RejectReason::kWork});
   Impl::Prepare(impl_->rejected, "reason",
-                {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams, RefusalReason::kToken});
+                {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams, RefusalReason::kCaller,
+                 RefusalReason::kToken});
   Impl::Prepare(impl_->spans, "result", {SpanResult::kSent, SpanResult::kDropped});
   Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused});
   for (const Stage stage :

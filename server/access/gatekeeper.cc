@@ -20,8 +20,8 @@ absl::string_view TokenOf(absl::string_view authorization) {
 
 }  // namespace
 
-Gatekeeper::Pass::~Pass() {
-  if (owner_ != nullptr) owner_->Release(grant_.name);
+void Gatekeeper::Pass::GiveBack() {
+  if (Gatekeeper* const owner = std::exchange(owner_, nullptr)) owner->Release(grant_.name);
 }
 
 absl::StatusOr<std::unique_ptr<Gatekeeper>> Gatekeeper::Create(const std::string& token_file, const Clock& clock,

@@ -30,7 +30,9 @@ class Gatekeeper {
     Pass() = default;
     Pass(Pass&& other) noexcept : owner_(std::exchange(other.owner_, nullptr)), grant_(std::move(other.grant_)) {}
     Pass& operator=(Pass&& other) = delete;
-    ~Pass();
+    ~Pass() { GiveBack(); }
+    // Gives the place back before its end; the grant stays.
+    void GiveBack();
     const Grant& grant() const { return grant_; }  // of no name where the server has no list
 
    private:

@@ -115,7 +115,7 @@ absl::StatusOr<std::string> SealToken(absl::string_view content, const SealingKe
   std::string compressed(compressed_bytes, '\0');
   if (compress2(reinterpret_cast<Bytef*>(compressed.data()), &compressed_bytes,
                 reinterpret_cast<const Bytef*>(content.data()), content.size(), Z_BEST_SPEED) != Z_OK) {
-    return absl::ResourceExhaustedError("there is no memory to compress the session's state");
+    return absl::InternalError("there is no memory to compress the session's state");
   }
   compressed.resize(compressed_bytes);
   std::string token(kMagic);

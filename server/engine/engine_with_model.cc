@@ -293,8 +293,9 @@ absl::StatusOr<std::unique_ptr<Engine>> CreateEngineWithModel(const EngineOption
                                                               EngineMetrics& metrics) {
   if (absl::Status status = options.Validate(); !status.ok()) return status;
   if (options.hop_frames >= model->info().window_frames) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("hop_frames must be below the model's window of ", model->info().window_frames));
+    return absl::InvalidArgumentError(absl::StrCat("hop_frames is ", options.hop_frames,
+                                                   ", expected less than the model's window of ",
+                                                   model->info().window_frames));
   }
   std::optional<Calibration> calibration;
   if (const std::string& json = model->info().calibration; !json.empty()) {

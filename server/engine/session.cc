@@ -28,8 +28,9 @@ std::unique_ptr<SessionFlow> MakeFlow(const Session::Options& options) {
   return std::make_unique<SessionFlow>(flow);
 }
 
+// 'suspended': the client has what it needs to go on elsewhere.
 SessionOutcome OutcomeOf(const absl::Status& status, bool suspended) {
-  if (suspended && !status.ok()) return SessionOutcome::kSuspended;
+  if (suspended) return SessionOutcome::kSuspended;
   if (status.ok()) return SessionOutcome::kCompleted;
   if (absl::IsCancelled(status)) return SessionOutcome::kCancelled;
   // A session that the server's end cut off without a checkpoint has failed, though nothing is wrong with the server.
@@ -273,7 +274,7 @@ void Session::CountPoints(int64_t before) {
 
 std::vector<DueRow> Session::DueRows() {
   // Who resumes a session that is suspended says how it ends.
-  const bool ended = inbox_.drained() && !inbox_.suspended() && !CatchingUp();
+  const bool ended = inbox_.drained() && !inbox_.suspended() && !CatchingUp() && !OwesLastCheckpoint();
   std::vector<DueRow> rows = tracks_.Due(ended);
   // Nobody else's windows wait for who speaks to the listener.
   const auto of_object = [](const DueRow& row) { return IsObjectPoint(row.track->id()); };
@@ -401,6 +402,11 @@ bool Session::FinishTurn(TrackerModel& model) {
     Suspend();
     return false;
   }
+  if (OwesLastCheckpoint() && inbox_.drained()) {
+    told_last_checkpoint_ = true;
+    SendCheckpoint(State());
+    return true;
+  }
   StartPolish();
   if (tracks_.tracks() == 0) report_.Progress();  // otherwise estimates say it
   Evict();
@@ -429,7 +435,7 @@ void Session::Close(const absl::Status& status) {
   if (flow_ != nullptr) flow_->Close();
   for (int64_t dropped = inbox_.TakeDropped(); dropped > 0; --dropped) metrics_.FrameDone(FrameResult::kDropped);
   CountPoints(tracks_.Clear());
-  metrics_.SessionClosed(OutcomeOf(status, inbox_.suspended()));
+  metrics_.SessionClosed(OutcomeOf(status, suspended_));
   ticket_.reset();  // before OnSessionDone: who hears of the end may come back at once
   report_.Done(status, summary_);
   absl::MutexLock lock(&done_mutex_);

@@ -120,7 +120,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // AdvanceFlow on the decode pool, unless a job waits there that will do.
   void SubmitFlow();
   // Seals 'state' and sends it, or says that there is no checkpoint any more.
-  void SendCheckpoint(const SessionState& state);
+  bool SendCheckpoint(const SessionState& state);
   // Once the first frame has come.
   ImageSize flow_size() const { return FlowSize(inbox_.frame_size(), options_.accepted.processing_size); }
 
@@ -148,6 +148,7 @@ class Session : public std::enable_shared_from_this<Session> {
   // A resumed session has not seen all the frames again that its tracks have been through.
   bool CatchingUp() const { return tracks_.cache().newest() < taken_frame_; }
   void StartCheckpoint();
+  bool OwesLastCheckpoint() const;
   void Suspend();
   absl::Status EndedTooEarly() const;
   void EndTracks();
@@ -184,9 +185,11 @@ class Session : public std::enable_shared_from_this<Session> {
   struct {
     int64_t frame = -1;
     int64_t count = 0;
-  } newest_seeds_;                 // of the frame at which points were added last
-  int64_t taken_frame_ = -1;       // of the session that this one goes on with
-  int64_t checkpoint_frame_ = -1;  // the newest frame when the last checkpoint was made
+  } newest_seeds_;                     // of the frame at which points were added last
+  int64_t taken_frame_ = -1;           // of the session that this one goes on with
+  int64_t checkpoint_frame_ = -1;      // the newest frame when the last checkpoint was made
+  bool told_last_checkpoint_ = false;  // ...before a mistake
+  bool suspended_ = false;
   bool closed_ = false;
 
   absl::Mutex done_mutex_;

@@ -88,24 +88,32 @@ void Session::StartCheckpoint() {
   });
 }
 
-void Session::SendCheckpoint(const SessionState& state) {
-  Checkpoint checkpoint;
-  checkpoint.next_frame = state.next_frame;
-  absl::Status sealed;
-  const auto seal = [&] {
-    absl::StatusOr<std::string> token = options_.sealer->Seal(state);
-    sealed = token.status();
-    if (token.ok()) checkpoint.token = *std::move(token);
-  };
-  sealed.Update(StatusOf(seal, "a checkpoint could not be made"));
-  outgrown_ = !sealed.ok();
-  checkpoint.resumable = sealed.ok() && options_.sealer->outlives_process();
-  report_.CheckpointTaken(state.taken_frame, sealed, std::move(checkpoint));
+bool Session::SendCheckpoint(const SessionState& state) {
+  absl::StatusOr<std::string> token = absl::InternalError("");
+  const absl::Status failed = StatusOf([&] { token = options_.sealer->Seal(state); }, "a checkpoint could not be made");
+  std::optional<Checkpoint> checkpoint;  // none: the client keeps the one that it has
+  if (!failed.ok()) {
+    token = failed;
+  } else if (token.ok()) {
+    checkpoint = Checkpoint{*token, state.next_frame, options_.sealer->outlives_process()};
+  } else if (absl::IsResourceExhausted(token.status())) {
+    outgrown_ = true;
+    checkpoint = Checkpoint{"", state.next_frame, false};
+  }
+  report_.CheckpointTaken(state.taken_frame, token.status(), std::move(checkpoint));
+  return token.ok();
 }
 
 void Session::Suspend() {
-  if (options_.sealer != nullptr && tracks_.cache().newest() >= 1 && !outgrown_) SendCheckpoint(State());
+  const bool begun = tracks_.cache().newest() >= 1;  // before, there is nothing that the client has not
+  suspended_ = !begun || (options_.sealer != nullptr && !outgrown_ && SendCheckpoint(State()));
   Close(inbox_.end_status());
+}
+
+// A session that ends for a mistake, or for silence, may be gone on with from before it.
+bool Session::OwesLastCheckpoint() const {
+  return options_.sealer != nullptr && !outgrown_ && !told_last_checkpoint_ && tracks_.cache().newest() >= 1 &&
+         !inbox_.suspended() && !inbox_.end_status().ok();
 }
 
 absl::Status Session::EndedTooEarly() const {

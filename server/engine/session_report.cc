@@ -88,12 +88,14 @@ void SessionReport::Progress() {
   if (told_processed_ < processed_) Send({{}, inbox_.frames_received(), processed_});
 }
 
-void SessionReport::CheckpointTaken(int64_t taken_frame, const absl::Status& sealed, Checkpoint checkpoint) {
+void SessionReport::CheckpointTaken(int64_t taken_frame, const absl::Status& sealed,
+                                    std::optional<Checkpoint> checkpoint) {
   absl::MutexLock lock(&mutex_);
   if (done_ || taken_frame < checkpoint_taken_) return;
-  checkpoint_taken_ = taken_frame;
   if (!sealed.ok()) listener_.OnWarning(sealed);
-  listener_.OnCheckpoint(std::move(checkpoint));
+  if (!checkpoint) return;
+  checkpoint_taken_ = taken_frame;
+  listener_.OnCheckpoint(*std::move(checkpoint));
 }
 
 void SessionReport::Done(const absl::Status& status, const SessionSummary& summary) {

@@ -57,8 +57,9 @@ class SessionReport {
   void Live(SessionFlow& flow) ABSL_LOCKS_EXCLUDED(mutex_);
   // How far the session is, where nothing has said so since.
   void Progress() ABSL_LOCKS_EXCLUDED(mutex_);
-  // A checkpoint as of 'taken_frame', or why there is none any more. Nothing where a newer one has been told.
-  void CheckpointTaken(int64_t taken_frame, const absl::Status& sealed, Checkpoint checkpoint)
+  // A checkpoint as of 'taken_frame', an empty one where there will be no more, or none this time, and why. Nothing
+  // where a newer one has been told.
+  void CheckpointTaken(int64_t taken_frame, const absl::Status& sealed, std::optional<Checkpoint> checkpoint)
       ABSL_LOCKS_EXCLUDED(mutex_);
   void Done(const absl::Status& status, const SessionSummary& summary) ABSL_LOCKS_EXCLUDED(mutex_);
 

@@ -322,6 +322,7 @@ bool ServedStream::NextResponseLocked(v1::TrackResponse& response) {
   } else if (summary_) {
     *response.mutable_summary() = ToProto(*summary_);
     summary_.reset();
+    pass_.GiveBack();
   } else {
     return false;
   }
@@ -342,6 +343,7 @@ v1::Checkpoint ServedStream::TakeCheckpointLocked() {
 void ServedStream::MaybeFinishLocked() {
   if (finished_ || writing_ || !done_) return;
   finished_ = true;
+  pass_.GiveBack();
   TellEndLocked();
   carrier_.Finish(cancelled_ ? absl::CancelledError("the client went away") : *done_);
 }

@@ -61,7 +61,7 @@ class ServedStream final : private SessionListener {
     SpanSink* spans;           // null: traces are not recorded
     absl::string_view system;  // what carries it, as traces name it: "grpc"
   };
-  // 'pass' says whose stream this is and is given back with it, 'trace' where it belongs. 'carrier' outlives the
+  // 'pass' says whose stream this is and is given back at its end, 'trace' where it belongs. 'carrier' outlives the
   // stream.
   ServedStream(Deps deps, Gatekeeper::Pass pass, TraceContext trace, StreamCarrier& carrier);
   ~ServedStream() override ABSL_LOCKS_EXCLUDED(mutex_);
@@ -112,7 +112,7 @@ class ServedStream final : private SessionListener {
   void TellEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Deps deps_;
-  const Gatekeeper::Pass pass_;
+  Gatekeeper::Pass pass_;  // given back with the last word to the client: who hears of the end may come back at once
   const StreamTrace trace_;
   const SteadyTime started_;
   StreamCarrier& carrier_;

@@ -77,7 +77,7 @@ absl::StatusOr<Engine*> ServedStreams::AdmitLocked() {
 absl::StatusOr<LiveStream*> ServedStreams::Open(const Caller& caller, absl::string_view system, Maker make) {
   absl::StatusOr<Gatekeeper::Pass> pass = gatekeeper_.Admit(caller.authorization, caller.peer);
   if (!pass.ok()) {
-    events_.StreamRefused(absl::IsUnauthenticated(pass.status()) ? RefusalReason::kToken : RefusalReason::kStreams);
+    events_.StreamRefused(absl::IsUnauthenticated(pass.status()) ? RefusalReason::kToken : RefusalReason::kCaller);
     return pass.status();
   }
   absl::MutexLock lock(&mutex_);

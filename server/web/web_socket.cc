@@ -6,8 +6,10 @@
 #include <boost/asio/post.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <chrono>
+#include <optional>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "api/errors.h"
 #include "proto/grpc_status.h"
 #include "server/streams/message_codec.h"
@@ -35,18 +37,14 @@ websocket::stream_base::timeout Timeouts(absl::Duration keepalive_time) {
   return timeouts;
 }
 
+// 1013 is said only to whom it helps to come again, 1011 only where the server is to blame.
 websocket::close_code CloseCodeOf(const absl::Status& status) {
   if (status.ok()) return websocket::close_code::normal;
-  switch (status.code()) {
-    case absl::StatusCode::kUnauthenticated:
-    case absl::StatusCode::kInvalidArgument:
-      return websocket::close_code::policy_error;
-    case absl::StatusCode::kUnavailable:
-    case absl::StatusCode::kResourceExhausted:
-      return websocket::close_code::try_again_later;
-    default:
-      return websocket::close_code::internal_error;
+  const std::optional<Overload> overload = OverloadDetails(status);
+  if (absl::IsUnavailable(status) || (overload && overload->retry_after > absl::ZeroDuration())) {
+    return websocket::close_code::try_again_later;
   }
+  return IsServersFault(status) ? websocket::close_code::internal_error : websocket::close_code::policy_error;
 }
 
 }  // namespace
@@ -54,8 +52,8 @@ websocket::close_code CloseCodeOf(const absl::Status& status) {
 // The stream together with the socket that carries it; owned by ServedStreams.
 class WebSocket::Live final : public LiveStream {
  public:
-  Live(ServedStream::Deps deps, Gatekeeper::Pass pass, std::shared_ptr<WebSocket> socket)
-      : socket_(std::move(socket)), stream_(std::move(deps), std::move(pass), TraceOf(""), *socket_) {}
+  Live(ServedStream::Deps deps, Gatekeeper::Pass pass, TraceContext trace, std::shared_ptr<WebSocket> socket)
+      : socket_(std::move(socket)), stream_(std::move(deps), std::move(pass), std::move(trace), *socket_) {}
   ServedStream& stream() override { return stream_; }
 
  private:
@@ -69,10 +67,11 @@ WebSocket::WebSocket(beast::tcp_stream connection, const Options& options, Serve
       end_timer_(socket_.get_executor()),
       streams_(streams),
       place_(std::move(place)),
-      keepalive_time_(options.keepalive_time) {
+      keepalive_time_(options.keepalive_time),
+      max_message_bytes_(static_cast<size_t>(options.max_message_bytes)) {
   beast::get_lowest_layer(socket_).expires_never();  // the socket has timeouts of its own
   socket_.set_option(Timeouts(absl::InfiniteDuration()));
-  socket_.read_message_max(static_cast<size_t>(options.max_message_bytes));
+  socket_.read_message_max(0);  // ReadMore measures, and can still answer
   socket_.binary(true);
 }
 
@@ -86,15 +85,16 @@ void WebSocket::Accept(const UpgradeRequest& request, std::string authorization,
   socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
     response.set(beast::http::field::sec_websocket_protocol, kTrackSubprotocol);
   }));
-  socket_.async_accept(request, [self = shared_from_this(), authorization = std::move(authorization),
-                                 peer = std::move(peer)](error_code error) {
-    if (!error) self->Open(authorization, peer);
-  });
+  socket_.async_accept(request,
+                       [self = shared_from_this(), authorization = std::move(authorization), peer = std::move(peer),
+                        traceparent = std::string(request["traceparent"])](error_code error) {
+                         if (!error) self->Open(authorization, peer, traceparent);
+                       });
 }
 
-void WebSocket::Open(const std::string& authorization, const std::string& peer) {
-  const auto make = [this](ServedStream::Deps deps, Gatekeeper::Pass pass, int max_points) {
-    auto live = std::make_unique<Live>(std::move(deps), std::move(pass), shared_from_this());
+void WebSocket::Open(const std::string& authorization, const std::string& peer, const std::string& traceparent) {
+  const auto make = [&](ServedStream::Deps deps, Gatekeeper::Pass pass, int max_points) {
+    auto live = std::make_unique<Live>(std::move(deps), std::move(pass), TraceOf(traceparent), shared_from_this());
     live_ = live.get();
     max_points_ = max_points;
     live_->stream().Begin();
@@ -124,21 +124,36 @@ void WebSocket::Read() {
   if (gone_ || finished_) return;
   // Only who is read from can show that it is there: a client that is held back is not asked.
   socket_.set_option(Timeouts(keepalive_time_));
-  socket_.async_read(incoming_, [self = shared_from_this()](error_code error, size_t) {
-    self->socket_.set_option(Timeouts(absl::InfiniteDuration()));
+  ReadMore();
+}
+
+// A message comes in pieces, and no more of it is kept than may be sent.
+void WebSocket::ReadMore() {
+  const size_t room = max_message_bytes_ + 1 - incoming_.size();
+  socket_.async_read_some(incoming_, room, [self = shared_from_this()](error_code error, size_t) {
     if (self->live_ == nullptr) return;
     if (error) return self->Gone();
+    const bool fits = self->incoming_.size() <= self->max_message_bytes_;
+    if (fits && !self->socket_.is_message_done()) return self->ReadMore();
+    self->socket_.set_option(Timeouts(absl::InfiniteDuration()));
     self->TakeMessage();
-    if (self->said_all_) self->Read();
+    if (fits && self->said_all_) self->Read();
   });
 }
 
 void WebSocket::TakeMessage() {
-  if (said_all_) return ClearIncoming();
   const auto bytes = incoming_.cdata();
-  absl::StatusOr<v1::TrackRequest> request =
-      socket_.got_binary() ? ParseRequest({static_cast<const char*>(bytes.data()), bytes.size()}, max_points_)
-                           : InvalidFieldError("request", "is a text message, expected a binary one");
+  if (said_all_) return ClearIncoming();
+  if (bytes.size() > max_message_bytes_) {
+    TakeRequest(InvalidFieldError("request", absl::StrCat("has more than ", max_message_bytes_, " bytes")));
+  } else if (!socket_.got_binary()) {
+    TakeRequest(InvalidFieldError("request", "is a text message, expected a binary one"));
+  } else {
+    TakeRequest(ParseRequest({static_cast<const char*>(bytes.data()), bytes.size()}, max_points_));
+  }
+}
+
+void WebSocket::TakeRequest(absl::StatusOr<v1::TrackRequest> request) {
   ClearIncoming();
   said_all_ = request.ok() && request->has_finish();
   live_->stream().OnRequest(std::move(request));

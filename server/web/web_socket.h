@@ -27,14 +27,14 @@ class WebSocket final : public StreamCarrier, public std::enable_shared_from_thi
  public:
   using UpgradeRequest = boost::beast::http::request<boost::beast::http::empty_body>;
   struct Options {
-    int64_t max_message_bytes = 0;  // of a client; larger ones end the connection
+    int64_t max_message_bytes = 0;  // of a client; a larger one is a mistake that ends the stream
     absl::Duration keepalive_time;  // see WebOptions
   };
   // 'place' is held as long as the connection is.
   WebSocket(boost::beast::tcp_stream connection, const Options& options, ServedStreams& streams,
             std::shared_ptr<void> place);
 
-  // Answers the request that asks for the socket, and opens the stream. 'caller' is who it says it is.
+  // Answers the request that asks for the socket, and opens the stream, of the trace that its traceparent names.
   void Accept(const UpgradeRequest& request, std::string authorization, std::string peer);
 
   void StartRead() override;
@@ -45,9 +45,11 @@ class WebSocket final : public StreamCarrier, public std::enable_shared_from_thi
  private:
   class Live;
 
-  void Open(const std::string& authorization, const std::string& peer);
+  void Open(const std::string& authorization, const std::string& peer, const std::string& traceparent);
   void Read();
+  void ReadMore();
   void TakeMessage();
+  void TakeRequest(absl::StatusOr<v1::TrackRequest> request);
   void ClearIncoming();
   void Write(std::string bytes);
   void End(const absl::Status& status);
@@ -62,6 +64,7 @@ class WebSocket final : public StreamCarrier, public std::enable_shared_from_thi
   ServedStreams& streams_;
   const std::shared_ptr<void> place_;
   const absl::Duration keepalive_time_;
+  const size_t max_message_bytes_;
   boost::beast::flat_buffer incoming_;
   std::string outgoing_;  // while a write is in flight
   int max_points_ = 0;

@@ -6,6 +6,7 @@ Usage: shipped_weights_test.py HOLDFAST_SERVER
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -35,6 +36,19 @@ class ShippedWeightsTest(unittest.TestCase):
         copy.parent.mkdir()
         shutil.copy(self.program, copy)
         return copy
+
+    def test_asked_to_stop_while_it_loads_it_never_serves(self):
+        ports = self.directory / "ports"
+        with subprocess.Popen([self.program, *SMALL, "--listen=127.0.0.1:0", "--metrics_listen=127.0.0.1:0",
+                               f"--port_file={ports}"], stderr=subprocess.PIPE, text=True) as server:
+            for line in server.stderr:
+                if "loading the model" in line:
+                    server.send_signal(signal.SIGTERM)
+                    break
+            rest = server.stderr.read()
+        self.assertEqual(server.returncode, 0)
+        self.assertNotIn("ready:", rest)
+        self.assertFalse(ports.exists())
 
     def test_from_any_directory(self):
         self.assert_serves(self.program, "/")

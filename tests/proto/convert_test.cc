@@ -164,6 +164,11 @@ TEST(ConvertTest, WrongFieldsOfAFrameAreNamed) {
   frame.mutable_capture_time()->set_nanos(-1);
   frame.clear_data();
   EXPECT_THAT(ViolatedFields(FromProto(std::move(frame)).status()), ElementsAre("frame.capture_time", "frame.data"));
+  for (const int64_t seconds : {int64_t{-62135596801}, int64_t{253402300800}}) {
+    v1::Frame far = ToProto(Frame{0, "x", {}, {}});
+    far.mutable_capture_time()->set_seconds(seconds);
+    EXPECT_THAT(ViolatedFields(FromProto(std::move(far)).status()), ElementsAre("frame.capture_time")) << seconds;
+  }
 }
 
 TEST(ConvertTest, PointsToAddAndRemoveSurviveTheRoundTrip) {

@@ -110,9 +110,33 @@ TEST_F(FlagsTest, ABadVariableIsNamedWithItsValue) {
 
 TEST_F(FlagsTest, ValuesThatCannotBeAreRefusedByName) {
   const std::vector<std::pair<std::string, std::string>> wrong = {
-      {"processing_size", "512"}, {"processing_size", "0x384"}, {"precision", "float64"},     {"log_format", "xml"},
-      {"log_level", "loud"},      {"idle_timeout", "0s"},       {"grace_period", "-1s"},      {"listen", ""},
-      {"keepalive_time", "-inf"}, {"metrics_listen", ""},       {"checkpoint_max_age", "0s"},
+      {"processing_size", "512"},
+      {"processing_size", "0x384"},
+      {"precision", "float64"},
+      {"log_format", "xml"},
+      {"log_level", "loud"},
+      {"idle_timeout", "0s"},
+      {"grace_period", "-1s"},
+      {"listen", ""},
+      {"keepalive_time", "-inf"},
+      {"metrics_listen", ""},
+      {"checkpoint_max_age", "0s"},
+      {"grace_period", "inf"},
+      {"metrics_listen", "9464"},
+      {"web_listen", "nonsense"},
+      {"max_sessions", "0"},
+      {"max_sessions", "2147483647"},
+      {"max_pending_frames", "2147483647"},
+      {"cache_mib", "17592186044417"},
+      {"cache_mib", "0"},
+      {"max_frame_mib", "-5"},
+      {"max_frame_megapixels", "nan"},
+      {"iterations", "17"},
+      {"hop", "0"},
+      {"least_fps", "-1"},
+      {"max_load", "nan"},
+      {"max_points", "0"},
+      {"max_session_frames", "-1"},
   };
   for (const auto& [flag, value] : wrong) {
     absl::FlagSaver saver;

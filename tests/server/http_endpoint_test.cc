@@ -9,6 +9,7 @@
 
 #include <atomic>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "server/health_check.h"
@@ -22,14 +23,25 @@ using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-// The whole answer to a request on the loopback device.
-std::string Get(int port, const std::string& path) {
+constexpr timeval kPatience = {8, 0};  // of who asks
+
+// A connection on the loopback device; negative: none.
+int Connect(int port) {
   const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(static_cast<uint16_t>(port));
   address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  if (connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)) != 0) return "no connection";
+  if (connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0) return fd;
+  close(fd);
+  return -1;
+}
+
+// The whole answer to a request.
+std::string Get(int port, const std::string& path) {
+  const int fd = Connect(port);
+  if (fd < 0) return "no connection";
+  setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &kPatience, sizeof(kPatience));
   const std::string request = absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   (void)!send(fd, request.data(), request.size(), MSG_NOSIGNAL);
   std::string answer;
@@ -59,6 +71,13 @@ TEST_F(HttpEndpointTest, IsReadyOnlyWhileTheServerServes) {
   EXPECT_THAT(Get(endpoint_->port(), "/readyz"), StartsWith("HTTP/1.1 503 Service Unavailable"));
   ready_ = true;
   EXPECT_THAT(Get(endpoint_->port(), "/readyz"), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(HttpEndpointTest, ConnectionsThatSayNothingHoldNobodyUp) {
+  std::vector<int> silent;
+  for (int i = 0; i < 40; ++i) silent.push_back(Connect(endpoint_->port()));
+  EXPECT_THAT(Get(endpoint_->port(), "/healthz"), StartsWith("HTTP/1.1 200"));
+  for (const int fd : silent) close(fd);
 }
 
 TEST_F(HttpEndpointTest, KnowsNothingElse) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <functional>
 #include <string>
@@ -19,6 +20,10 @@ class MemorySealer final : public CheckpointSealer {
  public:
   absl::StatusOr<std::string> Seal(const SessionState& state) const override {
     if (before_seal) before_seal();
+    if (failures > 0) {
+      --failures;
+      return absl::InternalError("there is no memory");
+    }
     if (full) return absl::ResourceExhaustedError("the token would be too long");
     absl::MutexLock lock(&mutex_);
     states_.push_back(state);
@@ -39,6 +44,7 @@ class MemorySealer final : public CheckpointSealer {
   // Set before the first session.
   std::function<void()> before_seal;
   bool full = false;
+  mutable std::atomic<int> failures = 0;  // of the next calls
 
  private:
   mutable absl::Mutex mutex_;

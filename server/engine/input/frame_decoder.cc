@@ -16,8 +16,6 @@
 namespace holdfast {
 namespace {
 
-int64_t BytesPerPixel(FrameEncoding encoding) { return encoding == FrameEncoding::kGray8 ? 1 : 3; }
-
 absl::StatusOr<ImageSize> EncodedSize(absl::string_view bytes, const FrameFormat& format) {
   switch (format.encoding) {
     case FrameEncoding::kJpeg:
@@ -100,6 +98,10 @@ absl::StatusOr<RgbImage> Decode(absl::string_view bytes, const FrameFormat& form
 
 }  // namespace
 
+int64_t RawBytes(FrameEncoding encoding, ImageSize size) {
+  return Pixels(size) * (encoding == FrameEncoding::kGray8 ? 1 : 3);
+}
+
 absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& format) {
   const absl::StatusOr<ImageSize> size = EncodedSize(bytes, format);
   if (!size.ok()) return size.status();
@@ -107,7 +109,7 @@ absl::StatusOr<ImageSize> FrameSize(absl::string_view bytes, const FrameFormat& 
   if (Pixels(*size) > format.max_pixels) {
     return absl::InvalidArgumentError(absl::StrCat(ToString(*size), " is more than ", format.max_pixels, " pixels"));
   }
-  const int64_t wanted = Pixels(*size) * BytesPerPixel(format.encoding);
+  const int64_t wanted = RawBytes(format.encoding, *size);
   if (IsRaw(format.encoding) && static_cast<int64_t>(bytes.size()) != wanted) {
     return absl::InvalidArgumentError(absl::StrCat(bytes.size(), " bytes, expected ", wanted));
   }

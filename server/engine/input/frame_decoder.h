@@ -16,6 +16,9 @@ struct FrameFormat {
   int64_t max_pixels = 0;  // width x height of a frame
 };
 
+// Of a frame of a raw encoding.
+int64_t RawBytes(FrameEncoding encoding, ImageSize size);
+
 // The size of the picture in 'bytes', from its header or (raw) from the format, at no cost in memory and in time that
 // grows with the bytes alone: milliseconds for 16 MiB. INVALID_ARGUMENT: no such header, no pixels, too many, raw bytes
 // of another size, or a structure that would make a decoder work for longer than a picture takes (see jpeg_check.h and

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "api/errors.h"
+#include "server/engine/input/frame_decoder.h"
 #include "server/engine/input/object_input.h"
 #include "server/engine/input/point_check.h"
 
@@ -27,6 +28,9 @@ void CheckRawSize(const SessionConfig& config, const EngineOptions& options, Vio
   } else if (Pixels(size) > options.limits.max_frame_pixels) {
     violations.Add("config.raw_size",
                    absl::StrCat(ToString(size), " is more than ", options.limits.max_frame_pixels, " pixels"));
+  } else if (RawBytes(config.encoding, size) > options.limits.max_frame_bytes) {
+    violations.Add("config.raw_size", absl::StrCat(ToString(size), " makes frames of ", RawBytes(config.encoding, size),
+                                                   " bytes, at most ", options.limits.max_frame_bytes, " are taken"));
   }
 }
 

@@ -95,8 +95,13 @@ TEST_F(GatekeeperTest, CountsWhatANameHasOpen) {
   ASSERT_TRUE(OverloadDetails(third.status()));
   EXPECT_GT(OverloadDetails(third.status())->retry_after, absl::ZeroDuration());
   EXPECT_THAT(gatekeeper_->Admit(kBob, kPeer), IsOk()) << "another's are not hers";
-  first.reset();
+  first->GiveBack();
+  EXPECT_EQ(first->grant().name, "anne");
   EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer), IsOk());
+  first.reset();
+  EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer), IsOk()) << "given back once";
+  const Gatekeeper::Pass third_now = *gatekeeper_->Admit(kAnne, kPeer);
+  EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer).status(), StatusIs(absl::StatusCode::kResourceExhausted));
 }
 
 TEST_F(GatekeeperTest, AChangedFileCountsForWhoComesNext) {

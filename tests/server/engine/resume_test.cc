@@ -15,6 +15,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 using ::testing::SizeIs;
 
 enum class End { kKilled, kSuspended };
@@ -213,6 +214,7 @@ TEST_F(ResumeTest, WithoutASealerThereIsNoCheckpoint) {
   session->Suspend(absl::UnavailableError("going away"));
   EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
   EXPECT_THAT(listener.checkpoints(), IsEmpty());
+  EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kFailed], 1) << "what it had tracked is lost";
   SessionConfig config = MakeConfig();
   config.resume_token = "0";
   EXPECT_THAT(engine().OpenSession(config, refused), StatusIs(absl::StatusCode::kFailedPrecondition));
@@ -228,6 +230,41 @@ TEST_F(ResumeTest, ATokenThatDoesNotFitEndsCheckpointsNotTheSession) {
   ASSERT_THAT(listener.checkpoints(), SizeIs(1));
   EXPECT_THAT(listener.checkpoints()[0].token, IsEmpty());
   EXPECT_FALSE(listener.checkpoints()[0].resumable);
+}
+
+TEST_F(ResumeTest, ASealerThatFailsOnceIsAskedAgain) {
+  sealer_.failures = 1;
+  RecordingListener listener;
+  auto session = Open(MakeConfig(), listener);
+  Say(*session, listener, 0, kFrames);
+  session->Suspend(absl::UnavailableError("going away"));
+  EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_EQ(sealer_.failures, 0);
+  ASSERT_THAT(listener.checkpoints(), Not(IsEmpty()));
+  for (const Checkpoint& checkpoint : listener.checkpoints()) EXPECT_THAT(checkpoint.token, Not(IsEmpty()));
+}
+
+// Whoever puts the mistake right goes on from before it.
+TEST_F(ResumeTest, AMistakeLeavesACheckpoint) {
+  SessionConfig config = MakeConfig();
+  config.checkpoint_interval_frames = 0;
+  const Tracks expected = Uninterrupted(config);
+  RecordingListener first, second;
+  auto session = Open(config, first);
+  Say(*session, first, 0, 50);
+  const absl::Status mistake = absl::InvalidArgumentError("frame 50 is no picture");
+  session->Fail(mistake);
+  EXPECT_EQ(first.AwaitDone(), mistake);
+  EXPECT_THAT(first.Final(4), SizeIs(40)) << "from frame 10 on";
+  ASSERT_THAT(first.checkpoints(), SizeIs(1));
+  const auto resumed = Resume(config, first.checkpoints(), second, kFrames);
+  resumed->Finish();
+  EXPECT_THAT(second.AwaitDone(), IsOk());
+  for (const auto& [id, track] : FinalsOf(second)) {
+    EXPECT_TRUE(track.empty() || track.rbegin()->first == expected.at(id).rbegin()->first) << id;
+    for (const auto& [frame, sample] : track) EXPECT_TRUE(sample == expected.at(id).at(frame)) << id << " " << frame;
+  }
+  EXPECT_THAT(second.Final(4), Not(IsEmpty()));
 }
 
 TEST_F(ResumeTest, ASlowSealerHoldsNoOtherSessionUp) {

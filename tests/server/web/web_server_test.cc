@@ -139,11 +139,33 @@ TEST_F(WebServerTest, WhatIsNoMessageEndsTheStream) {
   EXPECT_THAT(early.ReadToEnd().error().message(), HasSubstr("config: is missing"));
 }
 
-TEST_F(WebServerTest, AMessageThatIsTooLargeEndsTheConnection) {
+TEST_F(WebServerTest, AMessageThatIsTooLargeIsAMistakeLikeOthers) {
   SocketCall call(port(), JpegConfig());
+  call.SendFrames(3);
   call.SendBytes(std::string((16 << 20) + (2 << 20), 'x'));
-  call.ReadToEnd();
+  const v1::TrackResponse last = call.ReadToEnd();
+  EXPECT_EQ(CodeOf(last), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(last.error().message(), HasSubstr("request: has more than 17825792 bytes"));
+  EXPECT_THAT(call.finals[7], SizeIs(3));
+  EXPECT_EQ(call.close_code(), 1008);
   AwaitNoSession(engine_);
+}
+
+TEST_F(WebServerTest, AClientThatIsTooLateHasMadeAMistake) {
+  SocketCall call(port());
+  server_.clock().Advance(absl::Minutes(1));
+  EXPECT_EQ(CodeOf(call.ReadToEnd()), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_EQ(call.close_code(), 1008);
+}
+
+TEST_F(WebServerTest, ASessionIsOfTheTraceThatItsRequestNames) {
+  SocketCall call(port(), "holdfast.v1", {{"traceparent", "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01"}});
+  v1::TrackRequest request;
+  *request.mutable_config() = ToProto(JpegConfig());
+  call.Send(request);
+  call.Finish();
+  call.ReadToEnd();
+  EXPECT_EQ(call.accepted.trace_id(), "0af7651916cd43dd8448eb211c80319c");
 }
 
 // Frames with reserved bits, no mask, lengths beyond all bounds, fragments of nothing.
@@ -302,6 +324,25 @@ TEST(WebServerTokenTest, ATokenComesAsASubprotocolOrAsAHeader) {
     call->Send(request);
     call->Finish();
     EXPECT_TRUE(call->ReadToEnd().has_summary());
+  }
+}
+
+TEST(WebServerTokenTest, WhoHearsOfTheEndMayComeBackAtOnce) {
+  const TempDir dir;
+  std::ofstream(dir.File("tokens")) << "someone:" << kToken << " max_sessions=1\n";
+  FakeEngine engine;
+  ServerOptions options = WithWeb();
+  options.token_file = dir.File("tokens");
+  TestServer server(&engine, options);
+  const HttpFields bearer = {{"Authorization", absl::StrCat("Bearer ", kToken)}};
+  for (int i = 0; i < 50; ++i) {
+    SocketCall call(server.server().web_port(), "holdfast.v1", bearer);
+    v1::TrackRequest request;
+    *request.mutable_config() = ToProto(JpegConfig());
+    call.Send(request);
+    call.Finish();
+    std::optional<v1::TrackResponse> response;
+    while ((response = call.Read()) && !response->has_summary()) ASSERT_FALSE(response->has_error()) << i;
   }
 }
 

@@ -93,6 +93,11 @@ TEST(SessionConfigTest, WantsTheSizeOfRawFramesAndChecksPointsAgainstIt) {
   config.raw_size = {100000, 100000};
   EXPECT_THAT(Negotiate(config, {}, {}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("100000x100000")));
   config.raw_size = {64, 48};
+  EngineOptions options;
+  options.limits.max_frame_bytes = 64 * 48 * 3 - 1;
+  EXPECT_THAT(Negotiate(config, options, {}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("9216 bytes")));
+  config.encoding = FrameEncoding::kGray8;
+  EXPECT_THAT(Negotiate(config, options, {}), IsOk());
   config.points = {{1, 63, 47}, {2, 64, 47}};
   EXPECT_THAT(ViolatedFields(Negotiate(config, {}, {}).status()), ElementsAre("config.points[1].x"));
 }
