@@ -7,8 +7,8 @@
 //   <clip>/tracks.json {width, height, fps, points: [{name, object, frames: [], xy: [[x, y]], visible: []}]}
 //
 // 'frames' are the indices of the frames where the point is annotated (valid), increasing, with one entry of 'xy'
-// (pixels) and 'visible' (true / false or 1 / 0) each; 'xy' is null where the point is hidden and nobody knows where, of
-// which only who judges visibility takes notice. 'object' (the point's id in the masks) and 'fps' are optional.
+// (pixels) and 'visible' (true / false or 1 / 0) each; 'xy' is null where the point is hidden and nobody knows where,
+// of which only who judges visibility takes notice. 'object' (the point's id in the masks) and 'fps' are optional.
 #pragma once
 
 #include <cstdint>
