@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+import type { Resizing } from "./sources/source";
 import { OBJECT_PLACES, type ObjectRun, type ObjectSample } from "./wire";
 
 /** Points are places here (`left`, `joined`): whoever stands at one, it is one point to whoever looks. */
@@ -86,6 +87,18 @@ export class ObjectTrack {
       this.known[at] = { ...sample, left, joined: joined.map((point) => point % OBJECT_PLACES), final: i < finalCount };
     });
     while (this.known[this.finals]?.final) ++this.finals;
+  }
+
+  /** The object as it stands, in frames of another size. */
+  resized(resizing: Resizing): ObjectTrack {
+    const at = (x: number, y: number): [number, number] => [resizing.x(x), resizing.y(y)];
+    const object = Object.assign(new ObjectTrack(this.id, this.order, this.start), this);
+    object.known = this.known.map((sample) => {
+      if (!sample) return undefined;
+      const [x, y] = at(sample.x, sample.y);
+      return { ...sample, x, y, outline: sample.outline.map((corner) => at(...corner)) };
+    });
+    return object;
   }
 
   // Nobody had been placed in this point's place by then.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { batch, computed, type ReadonlySignal, signal } from "@preact/signals";
 import { Connection, type Link, type Observer, type World } from "./connection";
-import type { Table } from "./exports/table";
+import { inOwnPixels, type Table } from "./exports/table";
 import { Figures } from "./figures";
 import { FrameStore } from "./frames";
 import { Playback } from "./playback";
@@ -249,8 +249,14 @@ export class Tracker implements Observer {
     this.notice.value = { text, bad };
   }
 
-  /** What files of the tracks are made of. */
+  /** What files of the tracks are made of, in pixels of the source's own frames. */
   table(): Table {
+    const [table, source] = [this.tableAsSent(), this.source.value];
+    return source ? inOwnPixels(table, source) : table;
+  }
+
+  /** The same in pixels of the frames sent, which are what there is to paint on. */
+  tableAsSent(): Table {
     const [tracks, objects] = [[...this.tracks.tracks], [...this.tracks.objects]];
     const complete = this.phase.value === "done";
     const frames = complete ? this.sent.value : Math.max(0, ...tracks.map((track) => track.end));

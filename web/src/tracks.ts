@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { ObjectTrack } from "./objects";
+import type { Resizing } from "./sources/source";
 import { OBJECT_PLACES, OBJECT_POINTS, type ObjectRun, type Run } from "./wire";
 
 export interface Sample {
@@ -123,6 +124,14 @@ export class Track {
     }
     this.length = Math.max(this.length, first + length);
     while (this.finalEnd < this.end && this.isFinal(this.finalEnd)) ++this.finals;
+  }
+
+  /** The track as it stands, in frames of another size; `object` is whose point it is there. */
+  resized(resizing: Resizing, object: ObjectTrack | null): Track {
+    const track = Object.assign(new Track(this.id, this.order, this.start), this, { object });
+    track.xs = this.xs.map((x) => resizing.x(x));
+    track.ys = this.ys.map((y) => resizing.y(y));
+    return track;
   }
 
   private reserve(length: number): void {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { ObjectTrack } from "../objects";
+import { type Source, toOwnPixels } from "../sources/source";
 import type { Track } from "../tracks";
 
 /** What a file of tracks says; the same things as files of `holdfast track` (client/cli/track_writer.cc). */
@@ -13,6 +14,14 @@ export interface Table {
   complete: boolean; // false: `frames` is fewer than was asked for, and those from finalFrames on may be provisional
   finalFrames: number;
   expectedFrames: number;
+}
+
+/** A table in pixels of the frames sent, as one in pixels of its source's own frames. */
+export function inOwnPixels(table: Table, source: Source): Table {
+  const resizing = toOwnPixels(source);
+  const objects = new Map<ObjectTrack | null, ObjectTrack>(table.objects.map((object) => [object, object.resized(resizing)]));
+  const tracks = table.tracks.map((track) => track.resized(resizing, objects.get(track.object) ?? null));
+  return { ...table, ...source.own, tracks, objects: [...objects.values()] };
 }
 
 /** The frames on which a point or an object has an estimate. */

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import { type Encoding, JpegEncoder, type Picture, sentSize, type Source } from "./source";
+import { type Encoding, JpegEncoder, type Picture, sentSize, type Size, type Source } from "./source";
 
 /** Why there can be no camera, or null. */
 export function noCamera(): string | null {
@@ -25,6 +25,7 @@ class Camera implements Source {
   readonly live = true;
   readonly width: number;
   readonly height: number;
+  readonly own: Size;
   readonly frames = null;
   dropped = 0;
   private readonly encoder: JpegEncoder;
@@ -39,7 +40,8 @@ class Camera implements Source {
     readonly fps: number,
     encoding: Encoding,
   ) {
-    ({ width: this.width, height: this.height } = sentSize(video.videoWidth, video.videoHeight, encoding));
+    this.own = { width: video.videoWidth, height: video.videoHeight };
+    ({ width: this.width, height: this.height } = sentSize(this.own, encoding));
     this.encoder = new JpegEncoder(this.width, this.height, encoding.quality);
     for (const track of stream.getTracks()) track.onended = () => this.close(); // unplugged
   }

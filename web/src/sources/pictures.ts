@@ -8,11 +8,11 @@ export async function openPictures(files: readonly File[], encoding: Encoding): 
   const sorted = [...files].sort((a, b) => (a.name < b.name ? -1 : a.name > b.name ? 1 : 0));
   if (sorted.length === 0) throw new Error("No pictures: choose .jpg or .png files.");
   const first = await decode(sorted[0]!);
-  const given = { width: first.width, height: first.height };
+  const own = { width: first.width, height: first.height };
   first.close();
-  const sent = sentSize(given.width, given.height, encoding);
+  const sent = sentSize(own, encoding);
   const encoder = new JpegEncoder(sent.width, sent.height, encoding.quality);
-  const asIs = sent.width === given.width;
+  const asIs = sent.width === own.width;
   let index = 0;
 
   const next = async (): Promise<Picture | null> => {
@@ -20,8 +20,8 @@ export async function openPictures(files: readonly File[], encoding: Encoding): 
     if (!file) return null;
     const bitmap = await decode(file);
     try {
-      if (bitmap.width !== given.width || bitmap.height !== given.height) {
-        throw new Error(`${file.name} is ${bitmap.width}×${bitmap.height}, the first picture ${given.width}×${given.height}.`);
+      if (bitmap.width !== own.width || bitmap.height !== own.height) {
+        throw new Error(`${file.name} is ${bitmap.width}×${bitmap.height}, the first picture ${own.width}×${own.height}.`);
       }
       const jpeg = asIs && file.type === "image/jpeg" ? new Uint8Array(await file.arrayBuffer()) : await encoder.encode(bitmap);
       return { jpeg, seconds: index++ / FPS };
@@ -33,6 +33,7 @@ export async function openPictures(files: readonly File[], encoding: Encoding): 
     label: `${sorted.length} pictures`,
     live: false,
     ...sent,
+    own,
     fps: FPS,
     frames: sorted.length,
     dropped: 0,

@@ -6,13 +6,20 @@ export interface Picture {
   seconds: number; // since the first frame
 }
 
+export interface Size {
+  width: number; // pixels
+  height: number;
+}
+
 /** Where frames come from. They have one size, and are given one at a time. */
 export interface Source {
   readonly label: string;
   /** Does not wait: what is not asked for in time is dropped, and it ends only when it is told to. */
   readonly live: boolean;
-  readonly width: number;
+  readonly width: number; // of the frames as they are sent, pixels
   readonly height: number;
+  /** Of the frames as the source has them: larger where they are shrunk before they are sent. */
+  readonly own: Size;
   readonly fps: number; // as recorded, or as promised by a camera
   readonly frames: number | null; // in all, where that is known
   /** Frames that a live source had and nobody asked for. */
@@ -28,10 +35,24 @@ export interface Encoding {
   quality: number; // of JPEG, 0 .. 1
 }
 
-export function sentSize(width: number, height: number, { maxSide }: Encoding): { width: number; height: number } {
+export function sentSize({ width, height }: Size, { maxSide }: Encoding): Size {
   const factor = maxSide > 0 ? Math.min(1, maxSide / Math.max(width, height)) : 1;
   const scaled = (side: number) => Math.max(1, Math.round(side * factor));
   return { width: scaled(width), height: scaled(height) };
+}
+
+/** Takes coordinates in frames of one size to those in frames of another. */
+export interface Resizing {
+  x(x: number): number;
+  y(y: number): number;
+}
+
+/**
+ * From pixels of the frames sent to those of the source's own frames, where files have their positions. It is what
+ * `holdfast track --max_side` does (FrameEncoder::FromSent), float32 included: x becomes x · W / W0.
+ */
+export function toOwnPixels({ width, height, own }: Pick<Source, "width" | "height" | "own">): Resizing {
+  return { x: (x) => Math.fround((x * own.width) / width), y: (y) => Math.fround((y * own.height) / height) };
 }
 
 /** Makes JPEGs of one size. */

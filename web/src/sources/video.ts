@@ -23,8 +23,8 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
   const track = await input.getPrimaryVideoTrack().catch(() => null);
   if (!track) throw new Error(`${label} has no video that can be read: expected .mp4, .mov, .mkv or .webm.`);
   const stats = await track.computePacketStats();
-  const given = { width: await track.getDisplayWidth(), height: await track.getDisplayHeight() };
-  const size = sentSize(given.width, given.height, encoding);
+  const own = { width: await track.getDisplayWidth(), height: await track.getDisplayHeight() };
+  const size = sentSize(own, encoding);
   const codec = await track.getCodec();
   const refused = `${label} is a video${codec ? ` (${codec})` : ""} that this browser does not decode: most know H.264, VP9 and AV1.`;
   const images = (await decodes(track)) ? decoded(track) : sought(track, file, refused);
@@ -42,7 +42,7 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
     input.dispose();
   };
   const fps = stats.averagePacketRate;
-  return { label, live: false, ...size, fps, frames: stats.packetCount, dropped: 0, next, close };
+  return { label, live: false, ...size, own, fps, frames: stats.packetCount, dropped: 0, next, close };
 }
 
 // Browsers have decoders for pages of https and localhost only.

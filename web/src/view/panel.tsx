@@ -8,6 +8,8 @@ import { toNpz } from "../exports/npz";
 import { to3de, toCsv, toDeepLabCut, toJson } from "../exports/text";
 import type { ObjectTrack } from "../objects";
 import * as page from "../page";
+import type { Position } from "../points";
+import { toOwnPixels } from "../sources/source";
 import { LatencyChart, LoadChart, RateChart } from "./chart";
 import { LeftMark } from "./help";
 import { Icon, IconButton } from "./icons";
@@ -73,6 +75,12 @@ function Live() {
   );
 }
 
+// A position as files have it.
+function placeOf({ x, y }: Position): string {
+  const own = toOwnPixels(tracker.source.value!);
+  return `${own.x(x).toFixed(2)}, ${own.y(y).toFixed(2)}`;
+}
+
 function Facts({ facts }: { facts: [string, string | undefined][] }) {
   const known = facts.filter(([, value]) => value);
   return <dl class="facts">{known.map(([name, value]) => [<dt key={name}>{name}</dt>, <dd key={`${name}:`} title={value}>{value}</dd>])}</dl>;
@@ -104,7 +112,7 @@ function Selected() {
       </div>
       <Facts facts={[
         ["frame", sample ? String(frame) : "–"],
-        ["position", sample ? `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}` : "–"],
+        ["position", sample ? placeOf(sample) : "–"],
         ["confidence", sample ? sample.confidence.toFixed(3) : "–"],
         ["state", state],
         ["placed on", point.placed.map(({ frame }) => frame).join(", ")],
@@ -146,7 +154,7 @@ function ObjectFacts({ object }: { object: ObjectTrack }) {
       </div>
       {sample && <Facts facts={[
         ["frame", `${frame}, ${sample.final ? "final" : "provisional"}`],
-        ["centre", `${sample.x.toFixed(2)}, ${sample.y.toFixed(2)}`],
+        ["centre", placeOf(sample)],
         ["size since drawn", `× ${sample.scale.toFixed(3)}`],
         ["turned", `${(Math.round((1800 * sample.rotation) / Math.PI) / 10 || 0).toFixed(1)}°`],
       ]} />}
@@ -180,7 +188,7 @@ function save(name: string, type: string, content: string | Uint8Array<ArrayBuff
 async function saveOverlay(): Promise<void> {
   rendering.value = 0;
   try {
-    save("overlay.webm", "video/webm", await toWebm(tracker.table(), tracker.frames, settings.value, (share) => (rendering.value = share)));
+    save("overlay.webm", "video/webm", await toWebm(tracker.tableAsSent(), tracker.frames, settings.value, (share) => (rendering.value = share)));
   } catch (error) {
     tracker.say(`The video cannot be made: ${error instanceof Error ? error.message : error}`, true);
   } finally {

@@ -30,12 +30,12 @@ export class Visitor {
     page.on("websocket", (socket) => this.visited.add(new URL(socket.url().replace(/^ws/, "http")).origin));
   }
 
-  /** With `script`, which runs before those of the page. */
-  static async at(browser: Browser, url: string, script = ""): Promise<Visitor> {
+  /** With `script`, which runs before those of the page. Of two settings of one name the later one counts. */
+  static async at(browser: Browser, url: string, script = "", settings = ""): Promise<Visitor> {
     const page = await browser.newPage({ viewport: { width: 1280, height: 800 }, colorScheme: "light" });
     await page.addInitScript(script);
     const visitor = new Visitor(page);
-    await page.goto(url + SETTINGS);
+    await page.goto(url + SETTINGS + settings);
     return visitor;
   }
 

@@ -179,6 +179,22 @@ test.each([["decodes", ""], ["seeks in, as it gives pages no decoder,", "delete 
     expect(distances.sort((a, b) => a - b)[distances.length >> 1]).toBeLessThan(0.5);
   });
 
+test("a clip that is shrunk before it is sent has files in its own pixels", async () => {
+  visitor = await Visitor.at(browser, server.url, "", "&side=384"); // half of it
+  await visitor.openClip();
+  const places = await clickAll();
+  await visitor.page.keyboard.press("Space");
+  await visitor.until("sent", 12);
+  await visitor.page.keyboard.press("s");
+  await visitor.done();
+  const { width, height, points } = JSON.parse(String(await visitor.save("JSON")));
+  expect([width, height]).toEqual([768, 576]);
+  places.forEach(({ x, y }, i) => {
+    const [foundX, foundY] = points[i].xy[0];
+    expect(Math.hypot(foundX - x, foundY - y)).toBeLessThan(1.5); // a pixel of the frames sent is two of these
+  });
+});
+
 test("a video with the tracks has a frame for each that was tracked", async () => {
   visitor = await Visitor.at(browser, server.url);
   await visitor.openPictures(pictures.slice(0, 12));

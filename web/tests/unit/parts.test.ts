@@ -64,9 +64,10 @@ test("an address that makes no sense changes nothing", () => {
 });
 
 test("large frames are shrunk to their longest side", () => {
-  expect(sentSize(1920, 1080, { maxSide: 1024, quality: 0.9 })).toEqual({ width: 1024, height: 576 });
-  expect(sentSize(640, 480, { maxSide: 1024, quality: 0.9 })).toEqual({ width: 640, height: 480 });
-  expect(sentSize(1920, 1080, { maxSide: 0, quality: 0.9 })).toEqual({ width: 1920, height: 1080 });
+  const [large, small] = [{ width: 1920, height: 1080 }, { width: 640, height: 480 }];
+  expect(sentSize(large, { maxSide: 1024, quality: 0.9 })).toEqual({ width: 1024, height: 576 });
+  expect(sentSize(small, { maxSide: 1024, quality: 0.9 })).toEqual(small);
+  expect(sentSize(large, { maxSide: 0, quality: 0.9 })).toEqual(large);
 });
 
 test("confidence is told by colour from one end of the scale to the other", () => {

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 import { beforeAll, expect, test, vi } from "vitest";
+import { toCvat } from "../../src/exports/cvat";
+import { to3de, toJson } from "../../src/exports/text";
 import { DEFAULTS } from "../../src/settings";
-import type { Picture, Source } from "../../src/sources/source";
+import type { Picture, Size, Source } from "../../src/sources/source";
 import { Tracker } from "../../src/tracker";
 import { objectPointId } from "../../src/wire";
 import { accepted, FakeWorld, objectRun, request, response, run, tracks } from "./support";
@@ -21,6 +23,7 @@ class FakeSource implements Source {
   constructor(
     private readonly count: number,
     readonly live = false,
+    readonly own: Size = { width: 640, height: 480 },
   ) {}
 
   get frames(): number | null {
@@ -72,6 +75,31 @@ test("a whole video goes to the server, with the points on their frame, and ends
   world.socket.say(response({ case: "summary", value: {} }));
   expect(tracker.phase.value).toBe("done");
   expect(tracker.table()).toMatchObject({ frames: 3, complete: true, finalFrames: 3, expectedFrames: 3 });
+});
+
+test("files have the size and the pixels of the source's own frames, what is painted those of the frames sent", async () => {
+  const { tracker, world } = await loaded(new FakeSource(3, false, { width: 1920, height: 960 }));
+  tracker.add([{ x: 0, y: 0 }]);
+  const id = tracker.addObject(STROKE, 2)!;
+  tracker.start();
+  await accept(world);
+  world.socket.say(tracks(3, [run(1, 0, 3), run(objectPointId(id, 0), 0, 3)], [objectRun(id, 0, 3, 0, 0.25)]));
+
+  const own = tracker.table();
+  expect(own).toMatchObject({ width: 1920, height: 960, frames: 3 });
+  expect(own.tracks.map((track) => track.at(2))).toMatchObject([{ x: 6, y: 8 }, { x: 6, y: 8 }]);
+  expect(own.tracks.map(({ object }) => object)).toEqual([null, own.objects[0]]);
+  expect(own.objects[0]!.at(2)).toMatchObject({ x: 6.75, y: 8, scale: 1, outline: [[6, 2], [18, 2], [6, 16]] });
+  expect(toJson(own)).toContain('"xy":[[0.0,0.0],[3.0,4.0],[6.0,8.0]]');
+  expect(JSON.parse(toJson(own)).objects[0].points).toEqual([3]);
+  expect(toCvat(own)).toContain("<width>1920</width><height>960</height>");
+  expect(to3de({ ...own, tracks: own.tracks.slice(0, 1) })).toBe(
+    "1\n1\n0\n3\n1 0.500000 959.500000\n2 3.500000 955.500000\n3 6.500000 951.500000\n");
+
+  const sent = tracker.tableAsSent();
+  expect(sent).toMatchObject({ width: 640, height: 480, frames: 3 });
+  expect(sent.tracks[0]!.at(2)).toMatchObject({ x: 2, y: 4 });
+  expect(sent.objects[0]!.at(2)).toMatchObject({ x: 2.25, y: 4, outline: [[2, 1], [6, 1], [2, 8]] });
 });
 
 test("points that are placed while it runs begin on the newest frame sent", async () => {
