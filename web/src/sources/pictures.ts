@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 import { type Encoding, JpegEncoder, type Picture, sentSize, type Source } from "./source";
+import { isUpright } from "./upright";
 
 const FPS = 30; // as the command line takes for a directory of pictures
 
-/** Pictures as frames, in the order of their names. A JPEG that need not be shrunk is sent as it is, byte for byte. */
+/**
+ * Pictures as frames, in the order of their names. A JPEG that need be neither shrunk nor turned is sent as it is, byte
+ * for byte; of all others, what this browser shows.
+ */
 export async function openPictures(files: readonly File[], encoding: Encoding): Promise<Source> {
   const sorted = [...files].sort((a, b) => (a.name < b.name ? -1 : a.name > b.name ? 1 : 0));
   if (sorted.length === 0) throw new Error("No pictures: choose .jpg or .png files.");
@@ -12,7 +16,7 @@ export async function openPictures(files: readonly File[], encoding: Encoding): 
   first.close();
   const sent = sentSize(own, encoding);
   const encoder = new JpegEncoder(sent.width, sent.height, encoding.quality);
-  const asIs = sent.width === own.width;
+  const whole = sent.width === own.width && sent.height === own.height;
   let index = 0;
 
   const next = async (): Promise<Picture | null> => {
@@ -23,7 +27,8 @@ export async function openPictures(files: readonly File[], encoding: Encoding): 
       if (bitmap.width !== own.width || bitmap.height !== own.height) {
         throw new Error(`${file.name} is ${bitmap.width}×${bitmap.height}, the first picture ${own.width}×${own.height}.`);
       }
-      const jpeg = asIs && file.type === "image/jpeg" ? new Uint8Array(await file.arrayBuffer()) : await encoder.encode(bitmap);
+      const asIs = whole && file.type === "image/jpeg" ? new Uint8Array(await file.arrayBuffer()) : null;
+      const jpeg = asIs && isUpright(asIs) ? asIs : await encoder.encode(bitmap);
       return { jpeg, seconds: index++ / FPS };
     } finally {
       bitmap.close();

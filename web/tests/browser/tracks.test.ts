@@ -195,6 +195,34 @@ test("a clip that is shrunk before it is sent has files in its own pixels", asyn
   });
 });
 
+/** A JPEG whose Exif says that its right side is to be the bottom. */
+function turned(jpeg: Buffer): Buffer {
+  const tiff = [0x4d, 0x4d, 0, 42, 0, 0, 0, 8, 0, 1, 0x01, 0x12, 0, 3, 0, 0, 0, 1, 0, 6, 0, 0, 0, 0, 0, 0];
+  const exif = [...Buffer.from("Exif\0\0"), ...tiff];
+  return Buffer.concat([jpeg.subarray(0, 2), Buffer.from([0xff, 0xe1, 0, exif.length + 2, ...exif]), jpeg.subarray(2)]);
+}
+
+test("pictures that their Exif turns are tracked as they are seen", async () => {
+  const folder = scratch();
+  const portraits = pictures.slice(0, 4).map((path, i) => {
+    const portrait = join(folder, `${i}.jpg`);
+    writeFileSync(portrait, turned(readFileSync(path)));
+    return portrait;
+  });
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openPictures(portraits);
+  const place = await visitor.clickNear(576 - 1 - 170, 202, 576, 768);
+  const low = await visitor.clickNear(100, 700, 576, 768); // below all that there is before it is turned
+  await visitor.page.keyboard.press("Space");
+  await visitor.done();
+  const { width, height, points } = JSON.parse(String(await visitor.save("JSON")));
+  expect([width, height]).toEqual([576, 768]);
+  [place, low].forEach(({ x, y }, i) => {
+    const [foundX, foundY] = points[i].xy[0];
+    expect(Math.hypot(foundX - x, foundY - y)).toBeLessThan(1);
+  });
+});
+
 test("a video with the tracks has a frame for each that was tracked", async () => {
   visitor = await Visitor.at(browser, server.url);
   await visitor.openPictures(pictures.slice(0, 12));
