@@ -13,9 +13,6 @@ export function fixed(value: number, digits = 3): string {
   return Number(text) === 0 && value < 0 ? `-${text.replace("-", "")}` : text;
 }
 
-/** As printf's %g of what a frame rate can be. */
-const general = (value: number) => String(Number(value.toPrecision(6)));
-
 // A thousandth of a pixel; halves away from zero, and a number with a point, as the command line writes them.
 function rounded(value: number): string {
   const thousandth = (Math.sign(value) * Math.round(Math.abs(value) * 1000)) / 1000;
@@ -58,10 +55,11 @@ function jsonObject(object: ObjectTrack, { tracks, frames }: Table): string {
   return `{${fields.join(",")}}`;
 }
 
+// The rate is the shortest text that reads back as the same number: with fewer digits long videos would run away from it.
 export function toJson(table: Table): string {
   const { width, height, fps, frames, complete, finalFrames, expectedFrames } = table;
   const head =
-    `{"width": ${width}, "height": ${height}, "fps": ${general(fps)}, "frames": ${frames}, ` +
+    `{"width": ${width}, "height": ${height}, "fps": ${fps}, "frames": ${frames}, ` +
     `"complete": ${complete}, "final_frames": ${finalFrames}, "expected_frames": ${expectedFrames}, "points": [`;
   const points = table.tracks.map((track) => `\n${jsonPoint(track, frames)}`);
   const objects = table.objects.map((object) => jsonObject(object, table)).join(",");

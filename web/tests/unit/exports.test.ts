@@ -82,6 +82,11 @@ test("JSON is that of the command line", () => {
   expect(JSON.parse(toJson(table({ tracks: [] }))).points).toEqual([]);
 });
 
+test("a rate is read back as it was", () => {
+  const head = (fps: number) => /"fps": ([^,]*),/.exec(toJson(table({ fps })))![1];
+  expect([30, 12.5, 60000 / 1001, 24000 / 1001].map(head)).toEqual(["30", "12.5", "59.94005994005994", "23.976023976023978"]);
+});
+
 test("CSV has a line a point and frame", () => {
   expect(toCsv(table())).toBe(
     "id,frame,x,y,visible,confidence\n7,0,1.000,2.000,1,1.000\n7,1,1.250,-0.000,1,0.500\n7,2,1.062,300.100,1,0.124\n" +
