@@ -28,6 +28,10 @@ class HoldfastError(Exception):
         self.message = message
         self.server = server
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Exceptions are pickled as a call with their `args`, which here are one text where three are expected."""
+        return type(self), (self.code, self.message, self.server), vars(self)
+
 
 class InvalidRequest(HoldfastError):
     """The request was wrong; `violations` say which of its fields and why."""
