@@ -66,6 +66,9 @@ class BaseSession:
         if capture_time is not None:
             if not isinstance(capture_time, datetime):
                 raise TypeError(f"capture_time is {capture_time!r}, expected a datetime")
+            if capture_time.utcoffset() is None:
+                raise ValueError(f"capture_time is {capture_time!r}, expected a datetime with its time zone, such as "
+                                 "datetime.now(timezone.utc)")
             message.frame.capture_time.FromDatetime(capture_time)
         return message
 

@@ -166,6 +166,10 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         for frame in ("video.mp4", None, [[1, 2]], np.zeros((0, 4), np.uint8)):
             with self.subTest(frame=frame), self.assertRaisesRegex((ValueError, TypeError), "a frame is .*expected"):
                 client.session().push(frame)
+        for time, said in (("now", "capture_time is 'now', expected a datetime"),
+                           (datetime(2024, 5, 6), r"capture_time is datetime.datetime\(2024.*expected .* time zone")):
+            with self.subTest(time=time), self.assertRaisesRegex((ValueError, TypeError), said):
+                client.session(encoding="raw").push(PICTURES[0], capture_time=time)
         for client_options, said in (({"reconnect": True}, "reconnect is True, expected a Reconnect"),
                                      ({"token": "secret\n"}, "token has a line break")):
             with self.subTest(options=client_options), self.assertRaisesRegex((ValueError, TypeError), said):
