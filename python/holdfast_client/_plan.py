@@ -22,7 +22,7 @@ class Reconnect:
 
     seconds: float = 120.0  # for another server to take over
     buffer_bytes: int = 256 << 20  # of messages kept for that; push() waits while they are full
-    checkpoint_interval: int = 24  # frames
+    checkpoint_interval: int = 24  # frames; 0: the session keeps nothing, and ends with its server
 
 
 @dataclass(frozen=True)

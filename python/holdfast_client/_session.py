@@ -81,13 +81,22 @@ class SessionState:
         """False: a checkpoint has to let older messages go first. Where none can, nothing is kept any more."""
         if not self.keeps or self._bytes + message.ByteSize() + _OVERHEAD <= self._buffer_bytes:
             return True
+        if self.accepted is None:
+            return True
         frames = sum(kept.HasField("frame") for kept in self._messages)
-        if self.accepted is None or frames > self.accepted.replay_frames + self.accepted.checkpoint_interval_frames:
-            return self.accepted is None
+        if frames > self._frames_needed():
+            return False
         warnings.warn(f"{self._buffer_bytes} bytes of buffer_bytes do not hold the {frames} frames that it takes to go "
                       "on when the server is lost: this session ends with its server", stacklevel=2)
         self._keep_nothing()
         return True
+
+    def _frames_needed(self) -> int:
+        """The newest checkpoint may lie so many frames behind what was sent: it is made when a window has run, up to a
+        hop later than the interval says, and up to a hop of frames wait for their window."""
+        assert self.accepted is not None
+        accepted = self.accepted
+        return accepted.replay_frames + accepted.checkpoint_interval_frames + 2 * accepted.hop_frames
 
     def append(self, message: pb.TrackRequest) -> None:
         self._messages.append(message)
@@ -116,6 +125,8 @@ class SessionState:
         if self.accepted is None:
             self._settle(accepted)
         self.accepted = accepted
+        # Without checkpoints no message would ever be let go.
+        self.keeps = self.keeps and accepted.replay_frames > 0 and accepted.checkpoint_interval_frames > 0
         self._repeated = dict(self._final)
         self._repeated_objects = dict(self._final_objects)
         self._sent = 0
@@ -130,7 +141,6 @@ class SessionState:
         config.hop_frames, config.iterations = accepted.hop_frames, accepted.iterations
         config.max_hop_frames = 0
         config.motion_prior, config.polish = accepted.motion_prior, accepted.polish
-        self.keeps = self.keeps and accepted.replay_frames > 0
 
     def take(self, response: pb.TrackResponse) -> Update | None:
         kind = response.WhichOneof("response")

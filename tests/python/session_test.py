@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a session keeps of what it sends; no server takes part."""
+import unittest
+
+import support
+from holdfast_client._proto import point_tracking_pb2 as pb
+from holdfast_client._session import SessionState
+
+FRAME_BYTES = 1000
+REPLAY, INTERVAL, HOP = 24, 16, 8
+NEEDED = REPLAY + INTERVAL + 2 * HOP
+
+
+def accepted(**fields):
+    return pb.SessionAccepted(session_id="f00d", window_frames=24, hop_frames=HOP, **fields)
+
+
+def with_checkpoints():
+    return accepted(replay_frames=REPLAY, checkpoint_interval_frames=INTERVAL)
+
+
+def frame(index):
+    """A message that takes FRAME_BYTES of a buffer at most."""
+    return pb.TrackRequest(frame=pb.Frame(index=index, data=bytes(FRAME_BYTES - 300)))
+
+
+class KeepingTest(unittest.TestCase):
+    def state(self, answer, frames):
+        """A session that has room for so many frames, and has begun."""
+        state = SessionState(pb.SessionConfig(), True, frames * FRAME_BYTES)
+        self.assertTrue(state.begin(answer))
+        return state
+
+    def send(self, state, index):
+        """Whether there is room for the frame, which is sent then."""
+        if not state.room_for(frame(index)):
+            return False
+        state.append(frame(index))
+        state.next_message()
+        return True
+
+    def test_nothing_is_kept_for_checkpoints_that_never_come(self):
+        for fields in ({"replay_frames": REPLAY}, {"checkpoint_interval_frames": INTERVAL}):
+            with self.subTest(fields=fields):
+                state = self.state(accepted(**fields), 2 * NEEDED)
+                self.assertFalse(state.keeps)
+                self.assertTrue(all(self.send(state, i) for i in range(4 * NEEDED)))
+
+    def test_a_full_buffer_waits_for_a_checkpoint_that_can_come(self):
+        state, sent = self.state(with_checkpoints(), 2 * NEEDED), 0
+        while sent < 4 * NEEDED and self.send(state, sent):
+            sent += 1
+        self.assertGreater(sent, NEEDED)
+        self.assertLess(sent, 4 * NEEDED)
+        state.take(pb.TrackResponse(checkpoint=pb.Checkpoint(token=b"t", next_frame=sent - NEEDED)))
+        self.assertTrue(self.send(state, sent))
+        self.assertTrue(state.keeps)
+
+    def test_a_buffer_that_is_full_before_a_checkpoint_has_to_come_is_given_up(self):
+        state = self.state(with_checkpoints(), REPLAY + INTERVAL + HOP)
+        with self.assertWarnsRegex(UserWarning, "buffer_bytes do not hold"):
+            self.assertTrue(all(self.send(state, i) for i in range(2 * NEEDED)))
+        self.assertFalse(state.keeps)
+
+
+if __name__ == "__main__":
+    support.main()
