@@ -22,10 +22,11 @@ from ._objects import ObjectRun, ObjectTrack
 from ._picture import Picture
 from ._session import Run, Update
 from .client import Client, Reconnect, Tls
-from .errors import (HoldfastError, InvalidRequest, NotAllowed, NotResumable, Overloaded, Unavailable, Violation)
+from .errors import (HoldfastError, HoldfastWarning, InvalidRequest, NotAllowed, NotResumable, Overloaded, Unavailable,
+                     Violation)
 from .session import Session
 from .tracks import Tracks
 
-__all__ = ["Client", "HoldfastError", "InvalidRequest", "NotAllowed", "NotResumable", "ObjectRun", "ObjectTrack",
-           "Overloaded", "Picture", "Reconnect", "Run", "Session", "Tls", "Tracks", "Unavailable", "Update",
-           "Violation"]
+__all__ = ["Client", "HoldfastError", "HoldfastWarning", "InvalidRequest", "NotAllowed", "NotResumable", "ObjectRun",
+           "ObjectTrack", "Overloaded", "Picture", "Reconnect", "Run", "Session", "Tls", "Tracks", "Unavailable",
+           "Update", "Violation"]

@@ -14,6 +14,7 @@ import numpy as np
 from ._objects import ObjectRun, to_run
 from ._proto import point_tracking_pb2 as pb
 from ._table import TrackTable
+from .errors import HoldfastWarning
 
 _OVERHEAD = 256  # bytes of a message's objects: many small ones are bounded too
 
@@ -61,6 +62,7 @@ class SessionState:
         self.accepted: pb.SessionAccepted | None = None
         self.summary: pb.SessionSummary | None = None
         self.table = TrackTable()
+        self._server = ""  # that has the session
         self._buffer_bytes = buffer_bytes
         self._messages: deque[pb.TrackRequest] = deque()
         self._sent = 0  # of them, at the front
@@ -79,16 +81,16 @@ class SessionState:
 
     def room_for(self, message: pb.TrackRequest) -> bool:
         """False: a checkpoint has to let older messages go first. Where none can, nothing is kept any more."""
-        if not self.keeps or self._bytes + message.ByteSize() + _OVERHEAD <= self._buffer_bytes:
+        if not self.keeps or self.accepted is None:
             return True
-        if self.accepted is None:
+        if self._bytes + message.ByteSize() + _OVERHEAD <= self._buffer_bytes:
             return True
-        frames = sum(kept.HasField("frame") for kept in self._messages)
-        if frames > self._frames_needed():
+        frames, needed = sum(kept.HasField("frame") for kept in self._messages), self._frames_needed()
+        if frames > needed:
             return False
-        warnings.warn(f"{self._buffer_bytes} bytes of buffer_bytes do not hold the {frames} frames that it takes to go "
-                      "on when the server is lost: this session ends with its server", stacklevel=2)
         self._keep_nothing()
+        self._warn(f"{frames} frames fill the {self._buffer_bytes} bytes of buffer_bytes, and up to {needed + 1} have "
+                   "to be kept: it ends with its server")
         return True
 
     def _frames_needed(self) -> int:
@@ -120,11 +122,11 @@ class SessionState:
 
     # --- What comes back.
 
-    def begin(self, accepted: pb.SessionAccepted) -> bool:
-        """A call was accepted; all that is kept is sent again. False: it begins at a frame that is gone."""
+    def begin(self, accepted: pb.SessionAccepted, server: str) -> bool:
+        """A server has accepted a call; all that is kept is sent again. False: it begins at a frame that is gone."""
         if self.accepted is None:
             self._settle(accepted)
-        self.accepted = accepted
+        self.accepted, self._server = accepted, server
         # Without checkpoints no message would ever be let go.
         self.keeps = self.keeps and accepted.replay_frames > 0 and accepted.checkpoint_interval_frames > 0
         self._repeated = dict(self._final)
@@ -150,7 +152,17 @@ class SessionState:
             self._take_checkpoint(response.checkpoint)
         elif kind == "summary":
             self.summary = response.summary
+        elif kind == "warning":
+            self._warn(response.warning.message)
+        elif kind == "going_away" and not self.keeps:
+            left = response.going_away.time_left.ToTimedelta().total_seconds()
+            self._warn(f"its server goes away, and it ends in {left:g} s at the latest")
         return None
+
+    def _warn(self, what: str) -> None:
+        """Tells the user what the session cannot show; it is named as in the server's logs."""
+        assert self.accepted is not None
+        warnings.warn(f"{self._server}: session {self.accepted.session_id}: {what}", HoldfastWarning, stacklevel=3)
 
     def _take_tracks(self, tracks: pb.Tracks) -> Update:
         runs = []
@@ -184,8 +196,9 @@ class SessionState:
     def _take_checkpoint(self, checkpoint: pb.Checkpoint) -> None:
         if not self.keeps:
             return
-        if not checkpoint.token:  # the session has outgrown what a token can hold
+        if not checkpoint.token:
             self._keep_nothing()
+            self._warn("it has outgrown what a checkpoint can hold: it ends with its server")
             return
         if not self._drop_before(checkpoint.next_frame):
             return

@@ -209,7 +209,7 @@ class Session(BaseSession):
             raise late(address, timeout) from None
         except StopAsyncIteration:
             raise broken(address, "ended the session without accepting it") from None
-        if not self._state.begin(response.accepted):
+        if not self._state.begin(response.accepted, address):
             raise broken(address, "begins at a frame that is gone")
 
     async def _follow(self, responses: AsyncIterator[pb.TrackResponse], address: str) -> None:

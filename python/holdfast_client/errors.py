@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a server can say instead of tracks, as exceptions that carry its details."""
+"""What a server can say instead of tracks, as exceptions that carry its details, and the warning of what it says beside
+them."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -17,6 +18,10 @@ class Violation:
 
     field: str
     description: str
+
+
+class HoldfastWarning(UserWarning):
+    """Of a session that goes on: what its server warns of, and that it does not outlive this server."""
 
 
 class HoldfastError(Exception):

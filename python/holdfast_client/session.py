@@ -174,7 +174,7 @@ class Session(BaseSession):
         try:
             response = self._first_response(address, attempt.timeout)
             with self._changed:
-                if not self._state.begin(response.accepted):
+                if not self._state.begin(response.accepted, address):
                     raise broken(address, "begins at a frame that is gone")
         except CallFailed:
             self._end_call()

@@ -140,6 +140,18 @@ class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
             async for _ in session:
                 pass
 
+    async def test_a_server_that_takes_its_session_along_says_so_before(self):
+        server = self.start_server("--grace_period=1s")
+        self.addCleanup(server.stop)
+        session = self.client(server.address, reconnect=None).session(POINTS, encoding="raw")
+        await session.push(PICTURES[0])
+        self.assertTrue(await soon(lambda: session.accepted is not None))
+        with self.assertWarnsRegex(holdfast_client.HoldfastWarning, f"{server.address}: session .* goes away"):
+            server.process.terminate()
+            with self.assertRaises(holdfast_client.Unavailable):
+                async for _ in session:
+                    pass
+
     async def test_a_cancelled_task_cancels_its_call(self):
         client, begun = self.client(), asyncio.Event()
 

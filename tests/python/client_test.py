@@ -188,6 +188,19 @@ class ClientTest(support.ServedTest, unittest.TestCase):
                     server.kill()
         self.assertGreater(session.tracks().frames, 0)
 
+    def test_a_server_that_takes_its_session_along_says_so_before(self):
+        server = self.start_server("--grace_period=1s")
+        self.addCleanup(server.stop)
+        session = self.client(server.address, reconnect=None).session(POINTS, encoding="raw")
+        session.push(PICTURES[0])
+        while session.accepted is None:
+            session.updates(timeout=0.1)
+        with self.assertWarnsRegex(holdfast_client.HoldfastWarning, f"{server.address}: session .* goes away"):
+            server.process.terminate()
+            with self.assertRaises(holdfast_client.Unavailable):
+                while True:
+                    session.updates(timeout=60)
+
     def test_errors_say_what_was_wrong(self):
         with self.assertRaises(holdfast_client.InvalidRequest) as caught:
             self.client().track(PICTURES, {1: (1000, 1000)}, encoding="raw")

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a session keeps of what it sends; no server takes part."""
+"""What a session keeps of what it sends, and what it tells of what its server says; no server takes part."""
 import unittest
+import warnings
 
 import support
+from holdfast_client import HoldfastWarning
 from holdfast_client._proto import point_tracking_pb2 as pb
 from holdfast_client._session import SessionState
 
@@ -28,7 +30,7 @@ class KeepingTest(unittest.TestCase):
     def state(self, answer, frames):
         """A session that has room for so many frames, and has begun."""
         state = SessionState(pb.SessionConfig(), True, frames * FRAME_BYTES)
-        self.assertTrue(state.begin(answer))
+        self.assertTrue(state.begin(answer, "a:1"))
         return state
 
     def send(self, state, index):
@@ -58,9 +60,41 @@ class KeepingTest(unittest.TestCase):
 
     def test_a_buffer_that_is_full_before_a_checkpoint_has_to_come_is_given_up(self):
         state = self.state(with_checkpoints(), REPLAY + INTERVAL + HOP)
-        with self.assertWarnsRegex(UserWarning, "buffer_bytes do not hold"):
+        with self.assertWarnsRegex(HoldfastWarning, f"a:1: session f00d: .*buffer_bytes, and up to {NEEDED + 1} have"):
             self.assertTrue(all(self.send(state, i) for i in range(2 * NEEDED)))
         self.assertFalse(state.keeps)
+
+
+class TellingTest(unittest.TestCase):
+    def told(self, *answers, keeps=True):
+        """What a session tells of these answers of its server."""
+        state = SessionState(pb.SessionConfig(), keeps, FRAME_BYTES)
+        state.begin(with_checkpoints(), "a:1")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            for answer in answers:
+                self.assertIsNone(state.take(answer))
+        self.assertTrue(all(one.category is HoldfastWarning for one in caught))
+        return [str(one.message) for one in caught]
+
+    def test_what_the_server_warns_of_is_told(self):
+        answer = pb.TrackResponse()
+        answer.warning.message = "frames are dark"
+        for keeps in (True, False):
+            self.assertEqual(self.told(answer, keeps=keeps), ["a:1: session f00d: frames are dark"])
+
+    def test_a_session_that_has_outgrown_its_token_is_told_of_once(self):
+        outgrown = pb.TrackResponse(checkpoint=pb.Checkpoint(next_frame=1))
+        self.assertEqual(self.told(outgrown, outgrown),
+                         ["a:1: session f00d: it has outgrown what a checkpoint can hold: it ends with its server"])
+        self.assertEqual(self.told(outgrown, keeps=False), [])  # it would end with its server anyway
+
+    def test_a_server_that_goes_away_is_told_of_where_the_session_goes_with_it(self):
+        going = pb.TrackResponse()
+        going.going_away.time_left.FromMilliseconds(2500)
+        self.assertEqual(self.told(going), [])
+        self.assertEqual(self.told(going, keeps=False),
+                         ["a:1: session f00d: its server goes away, and it ends in 2.5 s at the latest"])
 
 
 if __name__ == "__main__":
