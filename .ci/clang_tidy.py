@@ -36,13 +36,20 @@ def digest_of(path):
         return ""
 
 
+def configuration_of(source):
+    """The texts of the .clang-tidy of its folder and of those above it."""
+    paths = (ROOT / folder / ".clang-tidy" for folder in source.parents)
+    return "".join(path.read_text(encoding="utf-8") for path in paths if path.exists())
+
+
 class Source:
     """A file to be checked, and the stamp that it leaves."""
 
     def __init__(self, command, stamps, common):
         self.name = pathlib.Path(command["file"]).relative_to(ROOT).as_posix()
         self.command = command
-        self.conditions = hashlib.sha256((common + command["command"]).encode()).hexdigest()
+        conditions = common + configuration_of(pathlib.Path(self.name)) + command["command"]
+        self.conditions = hashlib.sha256(conditions.encode()).hexdigest()
         self.stamp = stamps / hashlib.sha256(self.name.encode()).hexdigest()
 
     def is_clean(self):
@@ -118,9 +125,9 @@ def main():
     (build / "tidy-clean").mkdir(exist_ok=True)
     names = args.files or [name for name in output_of("git", "ls-files", "*.cc").splitlines()
                            if name not in NOT_COMPILED]
-    general = output_of("git", "ls-files", "--cached", "--others", "--exclude-standard", "*.clang-tidy", "*.proto")
+    protocol = output_of("git", "ls-files", "--cached", "--others", "--exclude-standard", "*.proto")
     common = output_of("clang-tidy", "--version") + "".join(
-        (ROOT / name).read_text(encoding="utf-8") for name in (*general.splitlines(), PLUGIN))
+        (ROOT / name).read_text(encoding="utf-8") for name in (*protocol.splitlines(), PLUGIN))
     make_headers(build, args.jobs)
     sources = find_sources(build, names, common)
     stale = [source for source in sources if not source.is_clean()]

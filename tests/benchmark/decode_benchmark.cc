@@ -34,9 +34,7 @@ void Decode(benchmark::State& state) {
   const std::string jpeg = Jpeg(size);
   const FrameFormat format{FrameEncoding::kJpeg, {}, Pixels(size)};
   GrayImage gray{FlowSize(size, kProcessing), {}};
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(DecodeFrame(jpeg, format, size, kProcessing, &gray));
-  }
+  while (state.KeepRunning()) benchmark::DoNotOptimize(DecodeFrame(jpeg, format, size, kProcessing, &gray));
   state.counters["kB"] = static_cast<double>(jpeg.size()) / 1000;
 }
 // 3840x2160 is decoded at a half; odd sides are decoded whole.

@@ -122,7 +122,7 @@ torch::Tensor GradientOf(const std::vector<size_t>& indices, ProcessGroup& group
   PointModel network(*PresetByName("test"));
   torch::NoGradGuard no_grad;
   torch::manual_seed(4);
-  for (torch::Tensor parameter : network->parameters()) {
+  for (const torch::Tensor& parameter : network->parameters()) {
     parameter.copy_(torch::sin(torch::arange(parameter.numel()).to(torch::kFloat32)).view(parameter.sizes()) * 0.1);
   }
   torch::AutoGradMode with_grad(true);

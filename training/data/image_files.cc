@@ -86,7 +86,7 @@ cv::Mat IdsOfColours(const cv::Mat& image) {
 
 // Median of the 7 x 7 pixels about (x, y).
 int32_t MedianAround(const cv::Mat& mask, int x, int y) {
-  constexpr int kSide = 2 * kMedianReach + 1;
+  constexpr size_t kSide = 2 * kMedianReach + 1;
   std::array<int32_t, kSide * kSide> labels{};
   auto end = labels.begin();
   for (int j = std::max(y - kMedianReach, 0); j <= std::min(y + kMedianReach, mask.rows - 1); ++j) {

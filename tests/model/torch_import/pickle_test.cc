@@ -12,7 +12,6 @@
 namespace holdfast {
 namespace {
 
-using ::testing::AllOf;
 using ::testing::HasSubstr;
 using Kind = PickleValue::Kind;
 

@@ -92,9 +92,10 @@ TEST(AugmentTest, ErasersHideWhatLiesBeneathAndChangeOverTime) {
         if (before.Visible(s, n) && !clip.Visible(s, n)) ++hidden;
         EXPECT_EQ(clip.Valid(s, n), before.Valid(s, n));
       }
-      if (s > 1)
+      if (s > 1) {
         changes +=
             cv::norm(clip.masks[static_cast<size_t>(s)], clip.masks[static_cast<size_t>(s - 1)], cv::NORM_INF) > 0;
+      }
     }
   }
   EXPECT_GT(hidden, 10);

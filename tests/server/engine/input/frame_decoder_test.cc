@@ -20,9 +20,7 @@ namespace holdfast {
 namespace {
 
 using ::testing::ElementsAre;
-using ::testing::Ge;
 using ::testing::HasSubstr;
-using ::testing::Le;
 
 FrameFormat Format(FrameEncoding encoding, ImageSize raw = {}) { return {encoding, raw, 1000 * 1000}; }
 

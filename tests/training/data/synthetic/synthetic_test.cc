@@ -79,10 +79,10 @@ void PaintSmoothPictures(const std::filesystem::path& root) {
 
 // Nothing but the point's own object as near as colours could mix, also where a near camera widens soft edges.
 bool AwayFromEdges(const Sample& clip, int64_t s, int64_t n) {
-  constexpr float kEdge = 5;  // pixels
-  for (float dy = -kEdge; dy <= kEdge; ++dy) {
-    for (float dx = -kEdge; dx <= kEdge; ++dx) {
-      if (clip.IdAt(s, clip.Position(s, n) + cv::Point2f(dx, dy)) != clip.object_ids[static_cast<size_t>(n)])
+  constexpr int kEdge = 5;  // pixels
+  for (int dy = -kEdge; dy <= kEdge; ++dy) {
+    for (int dx = -kEdge; dx <= kEdge; ++dx) {
+      if (clip.IdAt(s, clip.Position(s, n) + cv::Point2f(cv::Point(dx, dy))) != clip.object_ids[static_cast<size_t>(n)])
         return false;
     }
   }
