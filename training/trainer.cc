@@ -125,7 +125,7 @@ absl::Status TrainerImpl::AgreeOnStart() {
   const double mine = static_cast<double>(state_.step);
   torch::Tensor step = torch::full({1}, mine, torch::TensorOptions(torch::kFloat64).device(options_.device));
   absl::Status status = parts_.group->Broadcast(step);
-  for (torch::Tensor parameter : parts_.model->parameters()) {
+  for (const torch::Tensor& parameter : parts_.model->parameters()) {
     if (!status.ok()) return status;
     torch::Tensor values = parameter.detach();
     status = parts_.group->Broadcast(values);

@@ -105,6 +105,7 @@ std::vector<int64_t> GoodTracks(const TrackRules& rules, const Sample& sample) {
 std::vector<int64_t> SpreadOut(const Sample& sample, const std::vector<int64_t>& candidates, int64_t count) {
   if (static_cast<int64_t>(candidates.size()) <= count) return candidates;
   std::vector<std::array<float, 4>> summaries;
+  summaries.reserve(candidates.size());
   for (const int64_t n : candidates) summaries.push_back(Summary(sample, n));
   std::vector<float> distance(candidates.size(), std::numeric_limits<float>::max());  // to the nearest chosen, squared
   std::vector<int64_t> chosen;

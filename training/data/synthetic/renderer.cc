@@ -122,7 +122,7 @@ void CastShadow(const cv::Mat& layer, cv::Rect area, const Scene& scene, cv::Mat
   const int strength = static_cast<int>(256 * scene.shadow);
   for (int y = 0; y < shadow.height; ++y) {
     const uint8_t* dark = shade.ptr<uint8_t>(y + from.y) + from.x;
-    uint8_t* to = frame.ptr<uint8_t>(y + shadow.y) + 3 * shadow.x;
+    uint8_t* to = frame.ptr<uint8_t>(y + shadow.y, shadow.x);
     for (int x = 0; x < shadow.width; ++x, to += 3) {
       const int keep = 65536 - strength * dark[x];
       for (int c = 0; c < 3; ++c) to[c] = static_cast<uint8_t>(to[c] * keep >> 16);

@@ -109,9 +109,12 @@ Motion SceneMaker::Move(mix::Extent wander, mix::Extent travel) {
 
 mix::Extent SceneMaker::ObjectTravel() {
   double rest = rng_.Uniform();
-  if ((rest -= mix::kTurningObject) < 0) return mix::kObjectTurn;
-  if ((rest -= mix::kGrowingObject) < 0) return mix::kObjectGrowth;
-  if ((rest -= mix::kLeavingObject) < 0) return mix::kObjectLeave;
+  for (const auto& [share, extent] : {std::pair(mix::kTurningObject, mix::kObjectTurn),
+                                      {mix::kGrowingObject, mix::kObjectGrowth},
+                                      {mix::kLeavingObject, mix::kObjectLeave}}) {
+    rest -= share;
+    if (rest < 0) return extent;
+  }
   return {};
 }
 

@@ -87,6 +87,7 @@ cv::Mat GradientField(cv::Size size, Rng& rng) {
 cv::Mat RandomPalette(Rng& rng) {
   const int stops = static_cast<int>(rng.Integer(2, 5));
   std::vector<cv::Scalar> colours;
+  colours.reserve(static_cast<size_t>(stops));
   for (int i = 0; i < stops; ++i) colours.push_back(RandomColour(rng));
   cv::Mat palette(1, 256, CV_8UC3);
   for (int i = 0; i < 256; ++i) {
