@@ -47,8 +47,8 @@ absl::StatusOr<Validation> Validation::Create(const Dataset& dataset, int64_t cl
   std::vector<Sample> samples;
   int failures = 0;
   absl::Status last = absl::FailedPreconditionError("the validation set is empty");
-  for (size_t i = 0; i < dataset.size() && static_cast<int64_t>(samples.size()) < clips; ++i) {
-    if (failures == kMaxFailures) break;
+  const auto wants_more = [&] { return static_cast<int64_t>(samples.size()) < clips && failures < kMaxFailures; };
+  for (size_t i = 0; i < dataset.size() && wants_more(); ++i) {
     ++failures;
     Rng rng(seed, i);
     absl::StatusOr<Sample> sample = dataset.Get(i, rng);

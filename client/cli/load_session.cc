@@ -147,7 +147,7 @@ bool LoadSession::RunSession(PointTracker& tracker, LoadResult& result) {
   observer.AddTo(result);
   const bool expected = status.ok() || (options_.kind == LoadKind::kBad && absl::IsInvalidArgument(status));
   if (!expected) result.errors.push_back(status);
-  return Pause(absl::ZeroDuration());
+  return !IsStopped();
 }
 
 bool LoadSession::Pause(absl::Duration duration) const {
@@ -168,7 +168,7 @@ absl::Status LoadSession::Send(TrackStream& stream, LoadObserver& observer) {
   const SteadyTime begin = clock_.SteadyNow();
   absl::Status status;
   int64_t index = 0;
-  for (; index < count && !TimeIsOver() && status.ok() && Pause(absl::ZeroDuration()); ++index) {
+  for (; index < count && !TimeIsOver() && status.ok() && !IsStopped(); ++index) {
     if (options_.fps > 0) {
       const absl::Duration due = absl::Seconds(static_cast<double>(index) / options_.fps);
       if (!wait_(std::min(end_, begin + absl::ToChronoNanoseconds(due))) || TimeIsOver()) break;
@@ -178,7 +178,7 @@ absl::Status LoadSession::Send(TrackStream& stream, LoadObserver& observer) {
   }
   if (!status.ok()) return status;
   if (options_.kind == LoadKind::kBad) status = stream.PushFrame({index, "this is no frame", {}, {}});
-  if (options_.kind == LoadKind::kCancel || (status.ok() && !TimeIsOver() && !Pause(absl::ZeroDuration()))) {
+  if (options_.kind == LoadKind::kCancel || (status.ok() && !TimeIsOver() && IsStopped())) {
     stream.Cancel();  // a run that is stopped waits for nothing more
     return absl::OkStatus();
   }

@@ -70,6 +70,7 @@ class LoadSession {
   absl::Status Send(TrackStream& stream, class LoadObserver& observer);
   // At most to the end of the time; false: the run is stopped.
   bool Pause(absl::Duration duration) const;
+  bool IsStopped() const { return !Pause(absl::ZeroDuration()); }
   bool TimeIsOver() const { return clock_.SteadyNow() >= end_; }
   // Frames that a client that goes away sends before.
   int64_t FramesToSend();

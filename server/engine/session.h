@@ -148,6 +148,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // A resumed session has not seen all the frames again that its tracks have been through.
   bool CatchingUp() const { return tracks_.cache().newest() < taken_frame_; }
   void StartCheckpoint();
+  // Whether there are tokens for its state, as far as is known.
+  bool CanSeal() const { return options_.sealer != nullptr && !outgrown_; }
   bool OwesLastCheckpoint() const;
   void Suspend();
   absl::Status EndedTooEarly() const;

@@ -106,14 +106,14 @@ bool Session::SendCheckpoint(const SessionState& state) {
 
 void Session::Suspend() {
   const bool begun = tracks_.cache().newest() >= 1;  // before, there is nothing that the client has not
-  suspended_ = !begun || (options_.sealer != nullptr && !outgrown_ && SendCheckpoint(State()));
+  suspended_ = !begun || (CanSeal() && SendCheckpoint(State()));
   Close(inbox_.end_status());
 }
 
 // A session that ends for a mistake, or for silence, may be gone on with from before it.
 bool Session::OwesLastCheckpoint() const {
-  return options_.sealer != nullptr && !outgrown_ && !told_last_checkpoint_ && tracks_.cache().newest() >= 1 &&
-         !inbox_.suspended() && !inbox_.end_status().ok();
+  return CanSeal() && !told_last_checkpoint_ && tracks_.cache().newest() >= 1 && !inbox_.suspended() &&
+         !inbox_.end_status().ok();
 }
 
 absl::Status Session::EndedTooEarly() const {

@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <fstream>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
 #include <thread>
@@ -308,14 +309,25 @@ TEST(WebServerStartTest, APortInUseIsAnError) {
   }
 }
 
-TEST(WebServerTokenTest, ATokenComesAsASubprotocolOrAsAHeader) {
-  const TempDir dir;
-  std::ofstream(dir.File("tokens")) << "someone:" << kToken << "\n";
-  FakeEngine engine;
-  ServerOptions options = WithWeb();
-  options.token_file = dir.File("tokens");
-  TestServer server(&engine, options);
-  const int port = server.server().web_port();
+// A server that lets one caller in.
+class WebServerTokenTest : public ::testing::Test {
+ protected:
+  // 'limits': as they stand behind the token.
+  int Serve(const std::string& limits) {
+    std::ofstream(dir_.File("tokens")) << "someone:" << kToken << limits << "\n";
+    ServerOptions options = WithWeb();
+    options.token_file = dir_.File("tokens");
+    server_ = std::make_unique<TestServer>(&engine_, options);
+    return server_->server().web_port();
+  }
+
+  const TempDir dir_;
+  FakeEngine engine_;
+  std::unique_ptr<TestServer> server_;
+};
+
+TEST_F(WebServerTokenTest, ATokenComesAsASubprotocolOrAsAHeader) {
+  const int port = Serve("");
   const std::string bearer = absl::StrCat("Bearer ", kToken);
   EXPECT_EQ(Fetch(port, "/v1/info").result_int(), 401U);
   EXPECT_EQ(Fetch(port, "/v1/info", {{"Authorization", bearer}}).result_int(), 200U);
@@ -333,16 +345,11 @@ TEST(WebServerTokenTest, ATokenComesAsASubprotocolOrAsAHeader) {
   }
 }
 
-TEST(WebServerTokenTest, WhoHearsOfTheEndMayComeBackAtOnce) {
-  const TempDir dir;
-  std::ofstream(dir.File("tokens")) << "someone:" << kToken << " max_sessions=1\n";
-  FakeEngine engine;
-  ServerOptions options = WithWeb();
-  options.token_file = dir.File("tokens");
-  TestServer server(&engine, options);
+TEST_F(WebServerTokenTest, WhoHearsOfTheEndMayComeBackAtOnce) {
+  const int port = Serve(" max_sessions=1");
   const HttpFields bearer = {{"Authorization", absl::StrCat("Bearer ", kToken)}};
   for (int i = 0; i < 50; ++i) {
-    SocketCall call(server.server().web_port(), "holdfast.v1", bearer);
+    SocketCall call(port, "holdfast.v1", bearer);
     v1::TrackRequest request;
     *request.mutable_config() = ToProto(JpegConfig());
     call.Send(request);
