@@ -3,7 +3,6 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -14,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "io/file_io.h"
 
 namespace holdfast {
 namespace {
@@ -125,15 +125,9 @@ absl::StatusOr<json> ParseJson(absl::string_view text) {
 absl::StatusOr<std::string> ReadText(const std::string& path) {
   std::error_code ignored;
   if (std::filesystem::is_directory(path, ignored)) return absl::InvalidArgumentError("is a directory");
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  const std::streamoff bytes = file ? static_cast<std::streamoff>(file.tellg()) : -1;
-  if (bytes < 0 || bytes > kMaxFileBytes) {
-    return absl::NotFoundError(bytes < 0 ? "cannot be read" : "is larger than 64 MiB");
-  }
-  std::string text(static_cast<size_t>(bytes), '\0');
-  file.seekg(0);
-  if (!file.read(text.data(), bytes)) return absl::NotFoundError("cannot be read");
-  return text;
+  absl::StatusOr<std::string> text = ReadFile(path, kMaxFileBytes);
+  if (text.ok()) return text;
+  return absl::NotFoundError(absl::IsResourceExhausted(text.status()) ? "is larger than 64 MiB" : "cannot be read");
 }
 
 }  // namespace
