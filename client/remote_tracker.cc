@@ -23,6 +23,7 @@ namespace {
 
 constexpr int kFirstBackoffMs = 100;  // a server that is just starting is found soon
 constexpr int kMaxBackoffMs = 1000;
+constexpr int kConnectMs = 5000;     // of one attempt: with encryption, a distant server's takes several round trips
 constexpr int kNameLookupMs = 2000;  // at most so often: a server that is replaced has another address
 // Of a URI that names several servers: sessions go round those that say that they take some.
 constexpr char kSpread[] = R"({"loadBalancingConfig": [{"round_robin": {}}],
@@ -41,7 +42,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const Rem
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS,
                    static_cast<int>(absl::ToInt64Milliseconds(options.keepalive_timeout)));
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kConnectMs);  // its name does not say so
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kMaxBackoffMs);
   arguments.SetInt(GRPC_ARG_DNS_MIN_TIME_BETWEEN_RESOLUTIONS_MS, kNameLookupMs);
   arguments.SetInt(GRPC_ARG_SERVICE_CONFIG_DISABLE_RESOLUTION, 1);  // a name server has no say in what follows

@@ -16,6 +16,7 @@
 #include "api/errors.h"
 #include "proto/grpc_status.h"
 #include "tests/client/fake_service.h"
+#include "tests/support/tcp_proxy.h"
 
 namespace holdfast {
 namespace {
@@ -289,6 +290,14 @@ TEST(RemoteTrackerTest, AnAbsentServerIsNamedInTheError) {
   EXPECT_THAT(std::string(tracker.status().message()),
               HasSubstr("holdfast: server at " + address + " cannot be reached: "));
   EXPECT_FALSE(ConnectTo("nowhere").ok());
+}
+
+TEST(RemoteTrackerTest, ADistantServerIsReachedAtTheFirstAttempt) {
+  FakeService service(EchoFrames);
+  TcpProxy distant(service.port(), absl::Milliseconds(300));
+  const auto tracker = ConnectTo(distant.address());
+  EXPECT_TRUE(tracker.ok()) << tracker.status();
+  EXPECT_EQ(distant.connections(), 1);
 }
 
 TEST(RemoteTrackerTest, OfSeveralServersTheFirstThatIsThereAnswers) {

@@ -272,6 +272,14 @@ class ClientTest(support.ServedTest, unittest.TestCase):
             session.cancel()
         self.assertTrue(ended.wait(60))
 
+    def test_a_distant_server_is_reached(self):
+        client = self.client(reconnect=None)
+        with support.frozen(self.server):
+            awake = threading.Timer(0.5, os.kill, (self.server.process.pid, signal.SIGCONT))
+            awake.start()
+            self.assertTrue(client.info().build)
+            awake.join()
+
     def test_ctrl_c_ends_a_program_that_waits_for_its_tracks(self):
         server = self.start_server()
         self.addCleanup(server.stop)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A wire between a client and a server of one machine that a test can cut.
+// A wire between a client and a server of one machine, which a test can make long and cut.
 #pragma once
 
 #include <arpa/inet.h>
@@ -18,13 +18,17 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 
 namespace holdfast {
 
 // Listens on a free port of 127.0.0.1 and forwards every connection to another port of it, both ways. Thread-safe.
 class TcpProxy {
  public:
-  explicit TcpProxy(int target_port) : target_port_(target_port), listener_(socket(AF_INET, SOCK_STREAM, 0)) {
+  // 'latency': what comes from the target takes so long, as from a distant one.
+  explicit TcpProxy(int target_port, absl::Duration latency = absl::ZeroDuration())
+      : target_port_(target_port), latency_(latency), listener_(socket(AF_INET, SOCK_STREAM, 0)) {
     sockaddr_in address = Local(0);
     socklen_t size = sizeof(address);
     EXPECT_EQ(bind(listener_, reinterpret_cast<sockaddr*>(&address), size), 0);
@@ -109,15 +113,17 @@ class TcpProxy {
       close(server);
       return false;
     }
-    connections_.push_back({client, server, std::thread([client, server] { Pump(client, server); }),
-                            std::thread([client, server] { Pump(server, client); })});
+    connections_.push_back({client, server,
+                            std::thread([client, server] { Pump(client, server, absl::ZeroDuration()); }),
+                            std::thread([this, client, server] { Pump(server, client, latency_); })});
     return true;
   }
 
   // Until one end is gone; then the other one is told.
-  static void Pump(int from, int to) {
+  static void Pump(int from, int to, absl::Duration latency) {
     std::array<char, 1 << 16> bytes;
     for (ssize_t count; (count = recv(from, bytes.data(), bytes.size(), 0)) > 0;) {
+      absl::SleepFor(latency);
       for (ssize_t sent = 0; sent < count;) {
         const ssize_t more = send(to, bytes.data() + sent, static_cast<size_t>(count - sent), MSG_NOSIGNAL);
         if (more <= 0) return static_cast<void>(shutdown(from, SHUT_RDWR));
@@ -128,6 +134,7 @@ class TcpProxy {
   }
 
   const int target_port_;
+  const absl::Duration latency_;
   const int listener_;
   int port_ = 0;
   mutable absl::Mutex mutex_;
