@@ -55,6 +55,15 @@ void ToProto(Position position, v1::Position* out) {
 
 Position FromProto(const v1::Position& position) { return {position.x(), position.y()}; }
 
+void ToProto(const Deformation& shape, v1::Deformation* out) {
+  out->set_xx(shape.xx);
+  out->set_xy(shape.xy);
+  out->set_yx(shape.yx);
+  out->set_yy(shape.yy);
+}
+
+Deformation FromProto(const v1::Deformation& shape) { return {shape.xx(), shape.xy(), shape.yx(), shape.yy()}; }
+
 bool IsFinite(const v1::Position& position) { return std::isfinite(position.x()) && std::isfinite(position.y()); }
 
 template <typename Repeated>
@@ -115,6 +124,7 @@ void ToProto(const SessionState::Track& track, v1::Track* out) {
   out->set_final_before(state.final_before);
   out->set_reportable_before(state.reportable_before);
   if (state.previous) ToProto(*state.previous, out->mutable_previous());
+  if (!(state.deformation == Deformation())) ToProto(state.deformation, out->mutable_deformation());
   out->set_sent_before(state.sent_before);
   out->set_first_kept(state.first_kept);
   EstimatesToProto(state.estimates, out);
@@ -174,6 +184,9 @@ absl::string_view FaultOfPatch(const v1::Patch& patch) {
 absl::string_view FaultOf(const v1::Track& track) {
   if (!IsFinite(track.query()) || !IsFinite(track.position()) || !IsFinite(track.previous())) {
     return "its position is not finite";
+  }
+  if (track.has_deformation() && !Plausible(FromProto(track.deformation()))) {
+    return "its surroundings cannot have deformed so";
   }
   if (const absl::string_view fault = FaultOfEstimates(track); fault != kFine) return fault;
   if (const absl::string_view fault = FaultOfFrames(track); fault != kFine) return fault;
@@ -264,6 +277,7 @@ SessionState::Track TrackFromProto(const v1::Track& track) {
   state.final_before = track.final_before();
   state.reportable_before = track.reportable_before();
   if (track.has_previous()) state.previous = FromProto(track.previous());
+  if (track.has_deformation()) state.deformation = FromProto(track.deformation());
   state.sent_before = track.sent_before();
   state.first_kept = track.first_kept();
   state.estimates = EstimatesFromProto(track);

@@ -16,7 +16,11 @@ bool SessionPolish::Start(TrackSet& tracks) {
   int64_t last = 0;
   for (const PointTrack* track : job->tracks) {
     const PointTrack::Unpolished unpolished = track->unpolished();
-    PolishTrack work{flow_.PatchOf(track->serial()), std::nullopt, unpolished.first, {}, unpolished.visible, {}};
+    PolishTrack work;
+    work.patch = flow_.PatchOf(track->serial());
+    work.deformation = unpolished.deformation;
+    work.first = unpolished.first;
+    work.visible = unpolished.visible;
     if (unpolished.previous) work.previous = flow_.ToFlow(*unpolished.previous);
     for (const Position& position : unpolished.positions) work.positions.push_back(flow_.ToFlow(position));
     job->first = std::min(job->first, unpolished.first - 1);
@@ -54,7 +58,7 @@ bool SessionPolish::Finish(TrackSet& tracks, std::vector<PointRun>& runs) {
     for (size_t at = 0; at < work.positions.size(); ++at) {
       polished.push_back({flow_.ToFeatures(work.positions[at]), work.outcomes[at]});
     }
-    if (auto run = tracks.Polish(*job->tracks[i], polished)) runs.push_back(*std::move(run));
+    if (auto run = tracks.Polish(*job->tracks[i], polished, work.deformation)) runs.push_back(*std::move(run));
   }
   return true;
 }

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "server/engine/deformation.h"
 #include "server/engine/motion/flow.h"
 
 namespace holdfast {
@@ -66,6 +67,28 @@ inline void LayTexture(GrayImage& image, int first, int end, float dx, float dy,
 inline GrayImage ShiftedTexture(ImageSize size, float dx, float dy, uint32_t seed = 1) {
   GrayImage image{size, std::vector<uint8_t>(static_cast<size_t>(size.width) * size.height)};
   LayTexture(image, 0, size.width, dx, dy, seed);
+  return image;
+}
+
+// A rotation, in radians; from x towards y.
+inline Deformation Turned(float angle) { return {std::cos(angle), -std::sin(angle), std::sin(angle), std::cos(angle)}; }
+
+// What lies around 'query' in the texture lies around 'at', deformed.
+inline GrayImage DeformedTexture(ImageSize size, FlowPoint query, FlowPoint at, const Deformation& shape,
+                                 uint32_t seed = 1) {
+  const auto waves = TextureWaves(seed);
+  const float determinant = shape.xx * shape.yy - shape.xy * shape.yx;
+  GrayImage image{size, {}};
+  for (int y = 0; y < size.height; ++y) {
+    for (int x = 0; x < size.width; ++x) {
+      const float dx = static_cast<float>(x) - at.x, dy = static_cast<float>(y) - at.y;
+      const float from_x = query.x + (shape.yy * dx - shape.xy * dy) / determinant;
+      const float from_y = query.y + (shape.xx * dy - shape.yx * dx) / determinant;
+      float sum = 0;
+      for (const TextureWave& wave : waves) sum += std::sin(from_x * wave.along_x + from_y * wave.along_y + wave.phase);
+      image.pixels.push_back(static_cast<uint8_t>(std::lround(std::clamp(128.0f + 22.0f * sum, 0.0f, 255.0f))));
+    }
+  }
   return image;
 }
 

@@ -13,10 +13,9 @@
 namespace holdfast {
 namespace {
 
-constexpr int kWindow = 21;      // side of the patch compared, pixels
-constexpr int kLevels = 3;       // of the pyramid beyond the picture itself
-constexpr int kPatchLevels = 1;  // a patch is looked for nearby: one halving reaches its limits
-constexpr int kSteps = 20;       // of the iteration, at each level
+constexpr int kWindow = 21;  // side of the patch compared, pixels
+constexpr int kLevels = 3;   // of the pyramid beyond the picture itself
+constexpr int kSteps = 20;   // of the iteration, at each level
 constexpr double kStepEnds = 0.01;
 constexpr double kSizeOfProcessing = 1.5;  // of the picture, each way, at most; chosen on annotated real video
 constexpr int kMostSide = 2;               // times the larger processing side
@@ -67,30 +66,25 @@ std::optional<FlowMatch> MatchOf(const RoundTrip& trip, size_t i, const cv::Poin
   return finite ? std::optional(match) : std::nullopt;
 }
 
-// kSide x kSide pixels of the picture whose first is at 'corner'; its edges are repeated beyond them.
-cv::Mat Crop(const cv::Mat& picture, cv::Point corner) {
-  constexpr int kSide = FlowPatch::kSide;
-  const cv::Rect wanted(corner, cv::Size(kSide, kSide));
-  const cv::Rect there = wanted & cv::Rect(0, 0, picture.cols, picture.rows);
-  if (there == wanted) return picture(wanted);
-  cv::Mat crop;
-  const cv::Point before = there.tl() - wanted.tl(), after = wanted.br() - there.br();
-  cv::copyMakeBorder(picture(there), crop, before.y, after.y, before.x, after.x,
-                     cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
-  return crop;
-}
-
-// A corner such that the point lies in the middle of the crop. The point is moved into the picture first.
+// The first pixel of a patch with the point in its middle. The point is moved into the picture first.
 cv::Point CornerAround(FlowPoint point, ImageSize size) {
   const auto middle = [](float at, int length) {
     return static_cast<int>(std::floor(std::clamp(at, 0.0f, static_cast<float>(length - 1))));
   };
-  return {middle(point.x, size.width) - FlowPatch::kSide / 2, middle(point.y, size.height) - FlowPatch::kSide / 2};
+  constexpr int kBefore = FlowPatch::kSide / 2 - 1;
+  return {middle(point.x, size.width) - kBefore, middle(point.y, size.height) - kBefore};
 }
 
-// What is kept of a patch: a search reads no pixels further from the point.
-constexpr int kMargin = (FlowPatch::kSide - kCodedSide) / 2;
-cv::Rect Middle() { return {kMargin, kMargin, kCodedSide, kCodedSide}; }
+// The patch of the picture whose first pixel is at 'corner'; the picture's edges are repeated beyond them.
+cv::Mat Crop(const cv::Mat& picture, cv::Point corner) {
+  const cv::Rect wanted(corner, cv::Size(FlowPatch::kSide, FlowPatch::kSide));
+  const cv::Rect there = wanted & cv::Rect(0, 0, picture.cols, picture.rows);
+  const cv::Point before = there.tl() - wanted.tl(), after = wanted.br() - there.br();
+  cv::Mat crop;
+  cv::copyMakeBorder(picture(there), crop, before.y, after.y, before.x, after.x,
+                     cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
+  return crop;
+}
 
 double Area(ImageSize size) { return static_cast<double>(size.width) * size.height; }
 
@@ -124,6 +118,12 @@ GrayImage FlowPyramid::picture() const {
   GrayImage copy{size_, std::vector<uint8_t>(static_cast<size_t>(size_.width) * static_cast<size_t>(size_.height))};
   levels_->images[0].copyTo(cv::Mat(size_.height, size_.width, CV_8UC1, copy.pixels.data()));
   return copy;
+}
+
+GrayView FlowPyramid::half() const {
+  if (levels_->images.size() < 2) return {};
+  const cv::Mat& image = levels_->images[1];
+  return {{image.cols, image.rows}, image.data, static_cast<int>(image.step)};
 }
 
 int64_t FlowPyramid::BytesOf(ImageSize size) {
@@ -168,35 +168,22 @@ std::vector<std::optional<FlowMatch>> FollowPoints(const FlowPyramid& from, cons
 }
 
 FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at) {
-  const cv::Point corner = CornerAround(at, picture.size());
-  const cv::Mat middle = Crop(picture.levels().images[0], corner)(Middle()).clone();
-  const FlowPoint within{at.x - static_cast<float>(corner.x), at.y - static_cast<float>(corner.y)};
-  std::optional<FlowPatch> patch = ReadPatch(within, EncodePatch({middle.data, middle.total()}));
+  FlowPoint halved{at.x / 2, at.y / 2};
+  cv::Mat crop = cv::Mat::zeros(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1);
+  if (const GrayView half = picture.half(); half.pixels != nullptr) {
+    const cv::Point corner = CornerAround(halved, half.size);
+    crop = Crop(picture.levels().images[1], corner);
+    halved = {halved.x - static_cast<float>(corner.x), halved.y - static_cast<float>(corner.y)};
+  }
+  std::optional<FlowPatch> patch = ReadPatch(halved, EncodePatch({crop.data, crop.total()}));
   CV_Assert(patch.has_value());
   return *std::move(patch);
 }
 
 std::optional<FlowPatch> ReadPatch(FlowPoint at, std::string code) {
-  std::optional<std::vector<uint8_t>> middle = DecodePatch(code);
-  if (!middle) return std::nullopt;
-  FlowPatch patch{at, std::move(code), std::vector<uint8_t>(size_t{FlowPatch::kSide} * FlowPatch::kSide)};
-  cv::Mat pixels(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, patch.pixels.data());
-  cv::copyMakeBorder(cv::Mat(kCodedSide, kCodedSide, CV_8UC1, middle->data()), pixels, kMargin, kMargin, kMargin,
-                     kMargin, cv::BORDER_REPLICATE);
-  return patch;
-}
-
-std::optional<FlowMatch> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start) {
-  if (!std::isfinite(start.x) || !std::isfinite(start.y)) return std::nullopt;
-  const cv::Mat looked_for(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, const_cast<uint8_t*>(patch.pixels.data()));
-  const cv::Point corner = CornerAround(start, picture.size());
-  const cv::Point2f origin(corner);
-  const cv::Mat crop = Crop(picture.levels().images[0], corner);
-  const Points point{{patch.at.x, patch.at.y}}, near{cv::Point2f(start.x, start.y) - origin};
-  const RoundTrip trip = GoAndReturn(looked_for, crop, point, near, kPatchLevels);
-  std::optional<FlowMatch> match = MatchOf(trip, 0, point[0], near[0]);
-  if (match) match->at = {match->at.x + origin.x, match->at.y + origin.y};
-  return match;
+  std::optional<std::vector<uint8_t>> pixels = DecodePatch(code);
+  if (!pixels) return std::nullopt;
+  return FlowPatch{at, std::move(code), *std::move(pixels)};
 }
 
 }  // namespace holdfast

@@ -20,6 +20,13 @@ struct GrayImage {
   std::vector<uint8_t> pixels;  // [height, width]
 };
 
+// A picture that belongs to another object. Of a picture that is not there the size is empty.
+struct GrayView {
+  ImageSize size;
+  const uint8_t* pixels = nullptr;
+  int stride = 0;  // from one row to the next
+};
+
 // The size in which frames are looked at. What is lost by processing a large frame at a small size is found again here:
 // it keeps its own size up to the area of 1.5 times the processing size each way, and twice its larger side. A frame
 // that has no more pixels than are processed gets the processing size.
@@ -40,6 +47,7 @@ class FlowPyramid {
 
   ImageSize size() const { return size_; }
   GrayImage picture() const;  // a copy of what it was made of
+  GrayView half() const;      // smoothed, every second pixel; tiny pictures have none
   int64_t bytes() const { return BytesOf(size_); }
   // Of the pyramid of a picture of this size.
   static int64_t BytesOf(ImageSize size);
@@ -78,25 +86,25 @@ std::vector<std::optional<FlowMatch>> FollowPoints(const FlowPyramid& from, cons
                                                    absl::Span<const FlowPoint> points,
                                                    absl::Span<const FlowPoint> starts);
 
-// The surroundings of a point, cut out so that they can be looked for in pictures to come without the picture they are
-// from. Its pixels are those that come back from its code, so that a patch that was kept as code finds the same.
+// The surroundings of a point in the halved picture, cut out so that they can be looked for in pictures to come without
+// the picture they are from. Its pixels are those that come back from its code, so that a patch that was kept as code
+// finds the same.
 struct FlowPatch {
-  static constexpr int kSide = 64;
-  static constexpr int kCodedSide = 56;  // of the part in the middle that is kept
+  static constexpr int kSide = 28;
   // Grey values that differ as much as they can take less.
-  static constexpr size_t kMaxCodeBytes = size_t{3} * kCodedSide * kCodedSide;
+  static constexpr size_t kMaxCodeBytes = size_t{3} * kSide * kSide;
   // With more code than pictures usually make.
-  static constexpr int64_t kBytes = int64_t{kSide} * kSide + 1024;
+  static constexpr int64_t kBytes = int64_t{kSide} * kSide + 512;
 
-  FlowPoint at;                 // within the patch
-  std::string code;             // of the part in the middle (patch_coding.h)
-  std::vector<uint8_t> pixels;  // [kSide, kSide]; the middle's edge is repeated beyond it
+  FlowPoint at;                 // within the patch; in the middle, but for points beyond the picture
+  std::string code;             // of the pixels (patch_coding.h)
+  std::vector<uint8_t> pixels;  // [kSide, kSide]
+
+  GrayView view() const { return {{kSide, kSide}, pixels.data(), kSide}; }
 };
+// Of a tiny picture, which is not halved, a blank one.
 FlowPatch CutPatch(const FlowPyramid& picture, FlowPoint at);
 // From what was kept of a patch; empty where 'code' is none.
 std::optional<FlowPatch> ReadPatch(FlowPoint at, std::string code);
-
-// Looks for the patch near 'start'; empty when nothing is found.
-std::optional<FlowMatch> FindPatch(const FlowPatch& patch, const FlowPyramid& picture, FlowPoint start);
 
 }  // namespace holdfast

@@ -9,10 +9,11 @@ namespace {
 
 // Chosen on annotated real video: polish with patches of this quality is as precise as with the pixels themselves.
 constexpr int kQuality = 75;
+constexpr size_t kPatchPixels = size_t{FlowPatch::kSide} * FlowPatch::kSide;
 constexpr uint8_t kMarker = 0xFF, kStartOfScan = 0xDA;
 
 std::vector<uint8_t> Jpeg(const uint8_t* pixels) {
-  const cv::Mat image(kCodedSide, kCodedSide, CV_8UC1, const_cast<uint8_t*>(pixels));
+  const cv::Mat image(FlowPatch::kSide, FlowPatch::kSide, CV_8UC1, const_cast<uint8_t*>(pixels));
   std::vector<uint8_t> jpeg;
   if (!cv::imencode(".jpg", image, jpeg, {cv::IMWRITE_JPEG_QUALITY, kQuality})) {
     CV_Error(cv::Error::StsError, "a patch could not be encoded");
@@ -34,7 +35,7 @@ size_t HeaderBytes(const std::vector<uint8_t>& jpeg) {
 // Of every patch: it tells the size, the quality and the encoder's constant tables.
 const std::string& Header() {
   static const std::string* const header = [] {
-    const std::vector<uint8_t> blank(size_t{kCodedSide} * kCodedSide);
+    const std::vector<uint8_t> blank(kPatchPixels);
     const std::vector<uint8_t> jpeg = Jpeg(blank.data());
     return new std::string(jpeg.begin(), jpeg.begin() + static_cast<std::ptrdiff_t>(HeaderBytes(jpeg)));
   }();
@@ -44,7 +45,7 @@ const std::string& Header() {
 }  // namespace
 
 std::string EncodePatch(absl::Span<const uint8_t> pixels) {
-  CV_Assert(pixels.size() == size_t{kCodedSide} * kCodedSide);
+  CV_Assert(pixels.size() == kPatchPixels);
   const std::vector<uint8_t> jpeg = Jpeg(pixels.data());
   return std::string(jpeg.begin() + static_cast<std::ptrdiff_t>(Header().size()), jpeg.end());
 }
@@ -54,7 +55,7 @@ std::optional<std::vector<uint8_t>> DecodePatch(absl::string_view bytes) {
   std::vector<uint8_t> jpeg(Header().begin(), Header().end());
   jpeg.insert(jpeg.end(), bytes.begin(), bytes.end());
   const cv::Mat image = cv::imdecode(jpeg, cv::IMREAD_GRAYSCALE);
-  if (image.rows != kCodedSide || image.cols != kCodedSide || !image.isContinuous()) return std::nullopt;
+  if (image.rows != FlowPatch::kSide || image.cols != FlowPatch::kSide || !image.isContinuous()) return std::nullopt;
   return std::vector<uint8_t>(image.datastart, image.dataend);
 }
 

@@ -14,13 +14,11 @@
 
 namespace holdfast {
 
-constexpr int kCodedSide = FlowPatch::kCodedSide;  // pixels
-
-// 'pixels': [kCodedSide, kCodedSide]. What comes back from DecodePatch differs by a few grey levels. Throws when the
-// codec fails.
+// 'pixels': [FlowPatch::kSide, FlowPatch::kSide]. What comes back from DecodePatch differs by a few grey levels. Throws
+// when the codec fails.
 std::string EncodePatch(absl::Span<const uint8_t> pixels);
 
-// [kCodedSide, kCodedSide]; empty where 'bytes' cannot be such a picture.
+// [FlowPatch::kSide, FlowPatch::kSide]; empty where 'bytes' cannot be such a picture.
 std::optional<std::vector<uint8_t>> DecodePatch(absl::string_view bytes);
 
 }  // namespace holdfast

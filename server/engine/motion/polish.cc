@@ -1,29 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/engine/motion/polish.h"
 
+#include <cmath>
 #include <optional>
+
+#include "server/engine/motion/alignment.h"
 
 namespace holdfast {
 namespace {
 
-// When a place found near an estimate is better than the estimate. Pixels of a frame 512 wide; chosen on annotated real
-// video.
-struct Limits {
-  float round_trip = 0;  // the way back ends within so many pixels
-  float move = 0;        // and the place is within so many pixels of the estimate
-  float difference = 0;  // and the patches differ by less, a mean absolute difference of grey levels
-};
-// The patch of the query does not drift, but turned, scaled or elsewhere in a repeated texture it is found next to its
-// place: it comes first where hardly anything has changed, and last where it is only similar.
-constexpr Limits kSameAsQuery = {0.3f, 10, 8};
-constexpr Limits kFromBefore = {1, 20, 30};
-constexpr Limits kLikeQuery = {0.7f, 10, 20};
+// When a place found near an estimate is better than the estimate: limits in pixels of a frame 512 wide, chosen on
+// annotated real video.
+// From the frame before: the way back ends where it began, the place is near, and the patches differ by less, a mean
+// absolute difference of grey levels.
+constexpr float kRoundTrip = 1;
+constexpr float kMove = 20;
+constexpr float kDifference = 30;
+// From the query: what is as much alike is hardly another place.
+constexpr float kLeastCorrelation = 0.85f;
+constexpr float kQueryMove = 10;
 
-bool Within(const std::optional<FlowMatch>& match, const Limits& limits, int width) {
-  const float scale = static_cast<float>(width) / 512;
-  return match && match->round_trip <= limits.round_trip * scale && match->move <= limits.move * scale &&
-         match->difference < limits.difference;
-}
+float PixelsOf512(const FlowPyramid& picture) { return static_cast<float>(picture.size().width) / 512; }
 
 // Where a position is on one frame.
 struct Place {
@@ -40,61 +37,73 @@ std::vector<Place> PlacesOn(absl::Span<PolishTrack> tracks, int64_t frame) {
   return places;
 }
 
-// The point of that frame is where it was found, if it was, 'how'; the search in the next frame goes on from there.
-void MoveTo(const Place& place, const std::optional<FlowMatch>& match, Evidence::Polish how) {
+// The point of that frame is at 'position', found so; the search in the next frame goes on from there.
+void Settle(const Place& place, FlowPoint position, Evidence::Polish how) {
   PolishTrack& track = *place.track;
-  if (match) track.positions[place.at] = match->at;
-  track.previous = track.positions[place.at];
-  track.outcomes[place.at] = match ? how : Evidence::Polish::kNotFound;
+  track.positions[place.at] = position;
+  track.previous = position;
+  track.outcomes[place.at] = how;
 }
 
-// A visible position that the query's patch does not decide.
-struct Open {
-  Place place;
-  FlowPoint from;  // polished, on the frame before
-  FlowPoint estimate;
-  std::optional<FlowMatch> like_query;  // what is left if the frame before does not help
-};
+FlowPoint EstimateAt(const Place& place) { return place.track->positions[place.at]; }
 
-void DecideFromBefore(absl::Span<const Open> open, const FlowPyramid& before, const FlowPyramid& now) {
+// False: the surroundings of the query are not there, about as they were last.
+bool SettleByQuery(const Place& place, FlowPoint start, const FlowPyramid& now) {
+  PolishTrack& track = *place.track;
+  if (track.patch == nullptr) return false;
+  const std::optional<Alignment> found = AlignPatch(*track.patch, now, start, track.deformation);
+  if (!found || found->correlation < kLeastCorrelation) return false;
+  if (std::hypot(found->at.x - start.x, found->at.y - start.y) > kQueryMove * PixelsOf512(now)) return false;
+  track.deformation = found->deformation;
+  Settle(place, found->at, Evidence::Polish::kFromQuery);
+  return true;
+}
+
+// Where the positions of the frame before lead to, where they lead anywhere.
+std::vector<std::optional<FlowPoint>> LeadFromBefore(absl::Span<const Place> places, const FlowPyramid& before,
+                                                     const FlowPyramid& now) {
   std::vector<FlowPoint> from, estimates;
-  for (const Open& point : open) {
-    from.push_back(point.from);
-    estimates.push_back(point.estimate);
+  std::vector<size_t> known;
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (!places[i].track->previous) continue;
+    known.push_back(i);
+    from.push_back(*places[i].track->previous);
+    estimates.push_back(EstimateAt(places[i]));
   }
+  const float pixel = PixelsOf512(now);
   const auto found = FollowPoints(before, now, from, estimates);
-  for (size_t i = 0; i < open.size(); ++i) {
-    if (Within(found[i], kFromBefore, now.size().width)) {
-      MoveTo(open[i].place, found[i], Evidence::Polish::kFromBefore);
-    } else {
-      MoveTo(open[i].place, open[i].like_query, Evidence::Polish::kFromQuery);
+  std::vector<std::optional<FlowPoint>> led(places.size());
+  for (size_t i = 0; i < known.size(); ++i) {
+    const std::optional<FlowMatch>& match = found[i];
+    if (match && match->round_trip <= kRoundTrip * pixel && match->move <= kMove * pixel &&
+        match->difference < kDifference) {
+      led[known[i]] = match->at;
     }
   }
+  return led;
 }
 
 }  // namespace
 
 void PolishFrame(absl::Span<PolishTrack> tracks, int64_t frame, const FlowPyramid& before, const FlowPyramid& now) {
-  std::vector<Open> open;
+  std::vector<Place> open;
   for (const Place& place : PlacesOn(tracks, frame)) {
     PolishTrack& track = *place.track;
     track.outcomes.resize(place.at + 1, Evidence::Polish::kNotTried);
     if (!track.visible[place.at]) {
       track.previous.reset();
-      continue;
-    }
-    const FlowPoint estimate = track.positions[place.at];
-    std::optional<FlowMatch> match;
-    if (track.patch != nullptr) match = FindPatch(*track.patch, now, estimate);
-    const bool same = Within(match, kSameAsQuery, now.size().width);
-    if (!Within(match, kLikeQuery, now.size().width)) match.reset();
-    if (same || !track.previous) {
-      MoveTo(place, match, Evidence::Polish::kFromQuery);
-    } else {
-      open.push_back({place, *track.previous, estimate, match});
+    } else if (!SettleByQuery(place, EstimateAt(place), now)) {
+      open.push_back(place);
     }
   }
-  DecideFromBefore(open, before, now);
+  const std::vector<std::optional<FlowPoint>> led = LeadFromBefore(open, before, now);
+  for (size_t i = 0; i < open.size(); ++i) {
+    if (!led[i]) {
+      Settle(open[i], EstimateAt(open[i]), Evidence::Polish::kNotFound);
+    } else if (!SettleByQuery(open[i], *led[i], now)) {
+      Settle(open[i], *led[i], Evidence::Polish::kFromBefore);
+    }
+  }
 }
 
 }  // namespace holdfast

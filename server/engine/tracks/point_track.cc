@@ -30,6 +30,7 @@ PointTrack::PointTrack(TrackState state, const WindowOptions& windows, const Con
       final_before_(state.final_before),
       reportable_before_(state.reportable_before),
       previous_(state.previous),
+      deformation_(state.deformation),
       sent_before_(state.sent_before) {
   if (state.ending) End(state.ending->last_frame, state.ending->stop);
   for (const EstimateState& estimate : state.estimates) {
@@ -62,6 +63,7 @@ TrackState PointTrack::state() const {
   state.final_before = final_before_;
   state.reportable_before = reportable_before_;
   state.previous = previous_;
+  state.deformation = deformation_;
   state.sent_before = sent_before_;
   return state;
 }
@@ -117,6 +119,7 @@ PointTrack::Unpolished PointTrack::unpolished() const {
   Unpolished unpolished;
   unpolished.first = reportable_before_;
   unpolished.previous = previous_;
+  unpolished.deformation = deformation_;
   for (int64_t frame = reportable_before_; frame < final_before_; ++frame) {
     unpolished.positions.push_back(At(frame).position);
     unpolished.visible.push_back(At(frame).seen ? 1 : 0);
@@ -124,7 +127,9 @@ PointTrack::Unpolished PointTrack::unpolished() const {
   return unpolished;
 }
 
-void PointTrack::Polish(absl::Span<const Polished> polished, const FrameGeometry& geometry) {
+void PointTrack::Polish(absl::Span<const Polished> polished, const Deformation& deformation,
+                        const FrameGeometry& geometry) {
+  deformation_ = deformation;
   for (const Polished& result : polished) {
     Estimate& estimate = estimates_[reportable_before_ - first_kept_];
     estimate.shown = result.position;

@@ -9,6 +9,7 @@
 
 #include "absl/types/span.h"
 #include "api/types.h"
+#include "server/engine/deformation.h"
 #include "server/engine/evidence.h"
 #include "server/engine/tracker_model.h"
 #include "server/engine/tracks/confidence.h"
@@ -58,6 +59,7 @@ class PointTrack {
     std::vector<Position> positions;
     std::vector<uint8_t> visible;      // by the network's word, 0 or 1; hidden ones are not to be moved
     std::optional<Position> previous;  // polished, on frame first - 1; empty: hidden there
+    Deformation deformation;           // of the query's surroundings, where they were found last
   };
   bool waits_for_polish() const { return polish_ && reportable_before_ < final_before_; }
   int64_t reportable_before() const { return reportable_before_; }
@@ -66,8 +68,8 @@ class PointTrack {
     Position position;
     Evidence::Polish outcome = Evidence::Polish::kNotTried;
   };
-  // Of the frames from reportable_before() on.
-  void Polish(absl::Span<const Polished> polished, const FrameGeometry& geometry);
+  // Of the frames from reportable_before() on. 'deformation': as Unpolished has it, after these.
+  void Polish(absl::Span<const Polished> polished, const Deformation& deformation, const FrameGeometry& geometry);
 
   // What is new since the last call: frames that became final, and with 'provisional' those after them.
   std::optional<PointRun> TakeRun(bool provisional, const FrameGeometry& geometry);
@@ -108,6 +110,7 @@ class PointTrack {
   int64_t final_before_;
   int64_t reportable_before_;         // final, and polished where that is wanted
   std::optional<Position> previous_;  // reported on frame reportable_before_ - 1; empty: hidden there
+  Deformation deformation_;           // of the query's surroundings, where polish found them last
   int64_t sent_before_;               // frames before this one were reported as final
   CarriedTemplates carried_;
 };

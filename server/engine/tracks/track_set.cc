@@ -97,8 +97,9 @@ std::vector<PointTrack*> TrackSet::Unpolished() {
   return taken;
 }
 
-std::optional<PointRun> TrackSet::Polish(PointTrack& track, absl::Span<const PointTrack::Polished> polished) {
-  track.Polish(polished, geometry_);
+std::optional<PointRun> TrackSet::Polish(PointTrack& track, absl::Span<const PointTrack::Polished> polished,
+                                         const Deformation& deformation) {
+  track.Polish(polished, deformation, geometry_);
   return track.TakeRun(provisional_, geometry_);
 }
 

@@ -65,7 +65,8 @@ class TrackSet {
   // Tracks that wait to be polished.
   std::vector<PointTrack*> Unpolished();
   // REQUIRES: 'track' was taken, and 'polished' are all frames it had unpolished then.
-  std::optional<PointRun> Polish(PointTrack& track, absl::Span<const PointTrack::Polished> polished);
+  std::optional<PointRun> Polish(PointTrack& track, absl::Span<const PointTrack::Polished> polished,
+                                 const Deformation& deformation);
   bool AnyUnpolished() const;
   // No frame before this one is of use for polishing.
   int64_t oldest_for_polish() const;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "api/types.h"
+#include "server/engine/deformation.h"
 #include "server/engine/evidence.h"
 #include "server/engine/tracker_model.h"
 
@@ -48,6 +49,7 @@ struct TrackState {
   int64_t final_before = 0;
   int64_t reportable_before = 0;
   std::optional<Position> previous;  // reported on frame reportable_before - 1; empty: hidden there
+  Deformation deformation;           // of the query's surroundings, where polish found them last
   int64_t sent_before = 0;
 };
 

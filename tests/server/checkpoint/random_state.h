@@ -61,6 +61,7 @@ class RandomState {
     AddEstimates(state);
     if (Below(4) == 0) state.ending = TrackState::Ending{state.first_kept + 30, state.first_kept + 31};
     if (Below(4) != 0) state.previous = Position{Uniform(0, 64), Uniform(0, 48)};
+    if (Below(4) != 0) state.deformation = {Uniform(0.8F, 1.2F), Uniform(-0.2F, 0.2F), Uniform(-0.2F, 0.2F), 1};
     if (options.patches) track.patch = Patch();
     return track;
   }
@@ -124,7 +125,7 @@ class RandomState {
   SessionState::Patch Patch() {
     std::vector<uint8_t> pixels;
     float level = Uniform(50, 200);
-    for (int i = 0; i < kCodedSide * kCodedSide; ++i) {
+    for (int i = 0; i < FlowPatch::kSide * FlowPatch::kSide; ++i) {
       level = std::min(255.F, std::max(0.F, level + Normal(0, 4)));
       pixels.push_back(static_cast<uint8_t>(level));
     }
@@ -165,6 +166,7 @@ class StateBits {
     }
     if (s.ending) Add(s.ending->last_frame, s.ending->stop);
     if (s.previous) Add(*s.previous);
+    Add(s.deformation.xx, s.deformation.xy, s.deformation.yx, s.deformation.yy);
     if (track.patch) Add(track.patch->at, track.patch->code.size());
     if (track.patch) bits_.append(track.patch->code);
   }

@@ -124,6 +124,8 @@ TEST(StateConvertTest, TracksThatCannotBeAreRefused) {
       {"position is not finite", track([](auto& t) { t.mutable_query()->set_x(kNan); })},
       {"position is not finite", track([](auto& t) { t.mutable_position()->set_y(kInfinity); })},
       {"position is not finite", track([](auto& t) { t.mutable_previous()->set_y(-kInfinity); })},
+      {"cannot have deformed", track([](auto& t) { t.mutable_deformation()->set_xx(kNan); })},
+      {"cannot have deformed", track([](auto& t) { t.mutable_deformation()->Clear(); })},
       {"before its query", track([](auto& t) { t.set_query_frame(-1); })},
       {"before its query", track([](auto& t) { t.set_first_kept(t.query_frame() - 1); })},
       {"before its query", track([](auto& t) { t.set_first_kept(std::numeric_limits<int64_t>::max()); })},

@@ -267,7 +267,7 @@ TEST_F(ObjectsEngineTest, NeitherHopNorPictureNorPaceMatterToThat) {
       SCOPED_TRACE(testing::Message() << "hop " << hop << ", with optical flow: " << flow);
       SessionConfig config = MakeConfig();
       config.hop_frames = hop;
-      speed_ = hop == 23 ? 0.44f : 0.4f;  // some have left when windows meet first
+      speed_ = 0.44f;  // some have left when windows meet first
       config.motion_prior = config.polish = flow;
       Restart();
       const SaidOfObject wide = Track(config);

@@ -69,7 +69,6 @@ TEST(FlowTest, WithoutTextureNothingIsFound) {
   const FlowPyramid flat(GrayImage{kWidePicture, std::vector<uint8_t>(size_t{160} * 120, 77)});
   EXPECT_FALSE(CarryPoints(flat, flat, {{50, 50}}, 2)[0].held);
   EXPECT_FALSE(FollowPoints(flat, flat, {{50, 50}}, {{50, 50}})[0].has_value());
-  EXPECT_FALSE(FindPatch(CutPatch(flat, {50, 50}), flat, {50, 50}).has_value());
 }
 
 TEST(FlowTest, NotANumberIsNotFound) {
@@ -77,41 +76,51 @@ TEST(FlowTest, NotANumberIsNotFound) {
   const FlowPoint nowhere{NAN, NAN}, far{1e9f, -1e9f};
   for (const FlowPoint& point : {nowhere, far}) {
     EXPECT_FALSE(CarryPoints(picture, picture, {point}, 2)[0].held);
-    EXPECT_FALSE(FindPatch(CutPatch(picture, {50, 50}), picture, point).has_value());
+    EXPECT_FALSE(FollowPoints(picture, picture, {{50, 50}}, {point})[0].has_value());
   }
 }
 
-TEST(FlowTest, FindsAPatchNearAnEstimateToAFractionOfAPixel) {
-  const FlowPyramid query(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 23.4f, 11.8f));
-  const FlowPatch patch = CutPatch(query, {60.5f, 40.25f});
-  const auto found = FindPatch(patch, now, {60.5f + 26, 40.25f + 9});
+TEST(FlowTest, FindsAPointNearAnEstimateToAFractionOfAPixel) {
+  const FlowPyramid before(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 23.4f, 11.8f));
+  const auto found = FollowPoints(before, now, {{60.5f, 40.25f}}, {{60.5f + 26, 40.25f + 9}})[0];
   ASSERT_TRUE(found.has_value());
   EXPECT_NEAR(found->at.x, 83.9f, 0.1f);
   EXPECT_NEAR(found->at.y, 52.05f, 0.1f);
 }
 
-TEST(FlowTest, FindsAPatchAtTheEdgeOfThePicture) {
-  const FlowPyramid query(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 2, 1.5f));
-  for (const FlowPoint& at : {FlowPoint{9, 60}, FlowPoint{80, 110}, FlowPoint{150, 9}}) {
-    const auto found = FindPatch(CutPatch(query, at), now, at);
-    ASSERT_TRUE(found.has_value()) << at.x << "," << at.y;
-    EXPECT_NEAR(found->at.x, at.x + 2, 1.0f);  // what is repeated beyond the edge does not move
-    EXPECT_NEAR(found->at.y, at.y + 1.5f, 1.0f);
-  }
-}
-
 TEST(FlowTest, AMatchSaysHowGoodItIs) {
-  const FlowPyramid query(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 4, 0)),
+  const FlowPyramid before(ShiftedTexture(kWidePicture, 0, 0)), now(ShiftedTexture(kWidePicture, 4, 0)),
       other(ShiftedTexture(kWidePicture, 0, 0, /*seed=*/5));
   const FlowPoint at{60, 60};
-  const FlowPatch patch = CutPatch(query, at);
-  const auto match = FindPatch(patch, now, at);
+  const auto match = FollowPoints(before, now, {at}, {at})[0];
   ASSERT_TRUE(match.has_value());
   EXPECT_NEAR(match->move, 4, 0.1f);
   EXPECT_LT(match->round_trip, 0.1f);
   EXPECT_LT(match->difference, 2);
-  const auto elsewhere = FindPatch(patch, other, at);
+  const auto elsewhere = FollowPoints(before, other, {at}, {at})[0];
   EXPECT_TRUE(!elsewhere || elsewhere->difference > 10) << "another picture";
+}
+
+TEST(FlowTest, APatchIsCutAroundAPointAndItsEdgeRepeatedBeyondThePicture) {
+  const FlowPyramid picture(ShiftedTexture(kWidePicture, 0, 0));
+  const GrayView half = picture.half();
+  EXPECT_EQ(half.size, (ImageSize{80, 60}));
+  // Left and upper edge of the patch, in the halved picture; 'at' is where the point is in the patch.
+  const auto expect = [&](FlowPoint point, int left, int top, FlowPoint at) {
+    const FlowPatch patch = CutPatch(picture, point);
+    EXPECT_TRUE(SameBits(patch.at, at)) << patch.at.x << "," << patch.at.y;
+    double difference = 0;
+    for (int y = 0; y < FlowPatch::kSide; ++y) {
+      for (int x = 0; x < FlowPatch::kSide; ++x) {
+        const int column = std::clamp(left + x, 0, 79), row = std::clamp(top + y, 0, 59);
+        difference += std::abs(half.pixels[row * half.stride + column] - patch.pixels[y * FlowPatch::kSide + x]);
+      }
+    }
+    EXPECT_LT(difference / patch.pixels.size(), 4) << "at " << point.x << "," << point.y;
+  };
+  expect({60.5f, 40.25f}, 17, 7, {13.25f, 13.125f});
+  expect({0, 119}, -13, 46, {13, 13.5f});
+  expect({-20, 60}, -13, 17, {3, 13});  // beyond the picture
 }
 
 TEST(FlowTest, LooksAtFramesInTheirOwnSizeUpToAHalfMoreThanIsProcessed) {
@@ -142,7 +151,8 @@ TEST(FlowTest, KnowsItsBytesAndWorksAtTheSmallestSize) {
   const ImageSize small{32, 32};
   const FlowPyramid before(ShiftedTexture(small, 0, 0)), after(ShiftedTexture(small, 1.5f, 0));
   EXPECT_NEAR(CarryPoints(before, after, {{15, 15}}, 2)[0].at.x, 16.5f, 0.2f);
-  EXPECT_TRUE(FindPatch(CutPatch(before, {15, 15}), after, {15, 15}).has_value());
+  EXPECT_TRUE(FollowPoints(before, after, {{15, 15}}, {{15, 15}})[0].has_value());
+  EXPECT_EQ(before.half().pixels, nullptr);
 }
 
 }  // namespace

@@ -13,9 +13,10 @@
 namespace holdfast {
 namespace {
 
-constexpr size_t kPixels = size_t{kCodedSide} * kCodedSide;
+constexpr int kSide = FlowPatch::kSide;
+constexpr size_t kPixels = size_t{kSide} * kSide;
 
-std::vector<uint8_t> Texture() { return ShiftedTexture({kCodedSide, kCodedSide}, 0, 0).pixels; }
+std::vector<uint8_t> Texture() { return ShiftedTexture({kSide, kSide}, 0, 0).pixels; }
 
 double MeanDifference(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b) {
   double sum = 0;

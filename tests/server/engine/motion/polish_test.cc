@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -80,30 +81,25 @@ TEST(PolishTest, FollowsFromTheFrameBeforeWhereThePatchIsNotFound) {
               ElementsAre(Outcome::kFromBefore, Outcome::kFromBefore, Outcome::kFromBefore, Outcome::kFromBefore));
 }
 
-// The patch of the query as it looked in other light.
-std::shared_ptr<const FlowPatch> BrighterPatch() {
-  GrayImage query = ShiftedTexture(kWidePicture, 0, 0);
-  for (uint8_t& pixel : query.pixels) pixel = static_cast<uint8_t>(std::min(255, pixel + 12));
-  return std::make_shared<FlowPatch>(CutPatch(FlowPyramid(query), kQuery));
-}
-
-TEST(PolishTest, WhereThePatchHasChangedTheFrameBeforeComesFirst) {
-  const auto pictures = Pictures(4);
-  PolishTrack track = Track(3, 0.6f);
-  track.patch = BrighterPatch();
+TEST(PolishTest, WhatTurnsDoesNotDrift) {
+  PolishTrack track = Track(0, 0);
+  std::vector<FlowPyramidPtr> pictures;
+  for (int i = 0; i <= 20; ++i) {
+    const Deformation turned = Turned(static_cast<float>(i) * 0.1f);  // by 115 degrees in all
+    pictures.push_back(std::make_shared<FlowPyramid>(DeformedTexture(kWidePicture, kQuery, kQuery, turned)));
+    if (i == 0) continue;
+    track.positions.push_back({kQuery.x + (i % 2 == 0 ? 1.5f : -1.5f), kQuery.y});
+    track.visible.push_back(1);
+  }
+  track.patch = std::make_shared<FlowPatch>(CutPatch(*pictures[0], kQuery));
   Polish({&track, 1}, pictures, 0);
-  ExpectExact(track);
-  EXPECT_THAT(track.outcomes, Each(Outcome::kFromBefore));
-}
-
-TEST(PolishTest, WhereTheFrameBeforeDoesNotHelpAPatchThatIsAlikeWillDo) {
-  const auto pictures = Pictures(4);
-  PolishTrack track = Track(3, 0.6f);
-  track.patch = BrighterPatch();
-  track.previous.reset();
-  Polish({&track, 1}, pictures, 0);
-  for (int i = 0; i < 3; ++i) EXPECT_NEAR(track.positions[i].x, kQuery.x + kStep * static_cast<float>(i + 1), 0.3f);
-  EXPECT_THAT(track.outcomes, ElementsAre(Outcome::kFromQuery, Outcome::kFromBefore, Outcome::kFromBefore));
+  EXPECT_THAT(track.outcomes, Each(Outcome::kFromQuery));
+  for (const FlowPoint& position : track.positions) {
+    EXPECT_NEAR(position.x, kQuery.x, 0.1f);
+    EXPECT_NEAR(position.y, kQuery.y, 0.1f);
+  }
+  EXPECT_NEAR(track.deformation.xx, std::cos(2.0f), 0.03f);
+  EXPECT_NEAR(track.deformation.yx, std::sin(2.0f), 0.03f);
 }
 
 TEST(PolishTest, LeavesHiddenOnesAloneAndDoesNotFollowFromThem) {
@@ -177,6 +173,7 @@ TEST(PolishTest, InPiecesAndBesideOthersItIsTheSameToTheBit) {
   second.positions.erase(second.positions.begin(), second.positions.begin() + 3);
   second.visible.resize(3);
   second.previous = first.positions.back();
+  second.deformation = first.deformation;
   Polish({&second, 1}, absl::MakeConstSpan(pictures).subspan(3), 3);
   for (size_t i = 0; i < 6; ++i) {
     EXPECT_EQ(whole.positions[i].x, crowd[20].positions[i].x);

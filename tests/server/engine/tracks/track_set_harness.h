@@ -82,7 +82,7 @@ class TrackSetHarness {
           polished.push_back({at, Evidence::Polish::kNotTried});
         }
       }
-      Collect(tracks_.Polish(*track, polished));
+      Collect(tracks_.Polish(*track, polished, {}));
     }
   }
   // The frames the sink heard of.
