@@ -53,6 +53,6 @@ COPY weights /usr/share/holdfast/weights
 RUN ["holdfast-server", "--version"]
 USER holdfast
 EXPOSE 50051 9464
-# Kubernetes uses its own probes: grpc on 50051 (grpc.health.v1) or http GET /readyz on 9464.
+# Kubernetes uses its own probes: http GET /readyz and /healthz on 9464.
 HEALTHCHECK --interval=10s --timeout=5s --start-period=30s CMD ["holdfast-server", "--healthcheck"]
 ENTRYPOINT ["holdfast-server"]

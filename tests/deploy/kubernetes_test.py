@@ -110,6 +110,8 @@ def pod_findings(item, template):
             port = container.get(probe, {}).get("httpGet", {}).get("port")
             if port is not None and port not in port_names(template):
                 yield f"{probe}: there is no port {port}"
+            if "grpc" in container.get(probe, {}):
+                yield f"{probe}: by gRPC it fails with --tls_cert and with --noopen_health"
     if item["kind"] == "Deployment":
         yield from drain_findings(spec)
 
@@ -399,6 +401,11 @@ class SeededFaultsTest(unittest.TestCase):
                  "training/job", "Job")
         self.pod("there is no port metrics", lambda spec: spec["containers"][0]["readinessProbe"]["httpGet"].update(
             port="metrics"))
+
+    def test_a_probe_that_tls_or_tokens_would_fail(self):
+        for probe in ("startupProbe", "readinessProbe", "livenessProbe"):
+            self.pod(f"{probe}: by gRPC",
+                     lambda spec, probe=probe: spec["containers"][0].update({probe: {"grpc": {"port": 50051}}}))
 
     def test_numbers_flags_and_metrics_that_do_not_fit(self):
         self.pod("killed before it has ended", lambda spec: spec.update(terminationGracePeriodSeconds=44))
