@@ -4,10 +4,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
+#include "absl/strings/str_split.h"
+
 namespace holdfast {
 namespace {
 
 using ::testing::Contains;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Pair;
 
@@ -29,6 +34,26 @@ TEST(HttpAnswerTest, FilesHaveTheirTypesAndAPolicy) {
   EXPECT_THAT(page.headers, Contains(Pair("Content-Security-Policy", HasSubstr("default-src 'none'"))));
   EXPECT_THAT(Get("/app.js").headers, Contains(Pair("Content-Type", "text/javascript; charset=utf-8")));
   EXPECT_THAT(Get("/clip.mp4").headers, Contains(Pair("Content-Type", "video/mp4")));
+}
+
+// The sources that a directive of a content security policy allows.
+std::vector<std::string> Allowed(absl::string_view policy, absl::string_view directive) {
+  for (const absl::string_view part : absl::StrSplit(policy, "; ")) {
+    std::vector<std::string> words = absl::StrSplit(part, ' ');
+    if (words.front() != directive) continue;
+    words.erase(words.begin());
+    return words;
+  }
+  return {};
+}
+
+TEST(HttpAnswerTest, ThePageMayTalkToItsServerAndToNoOther) {
+  const HttpAnswer page = Get("/");
+  const auto policy = std::find_if(page.headers.begin(), page.headers.end(),
+                                   [](const auto& header) { return header.first == "Content-Security-Policy"; });
+  ASSERT_NE(policy, page.headers.end());
+  EXPECT_THAT(Allowed(policy->second, "default-src"), ElementsAre("'none'"));
+  EXPECT_THAT(Allowed(policy->second, "connect-src"), ElementsAre("'self'"));
 }
 
 TEST(HttpAnswerTest, OnlyWhatIsThereIsServed) {
