@@ -38,7 +38,8 @@ export interface Observer {
   onRoom(): void; // the network has caught up
 }
 
-const ANSWER_MS = 10_000; // for a server to accept the session
+const ANSWER_MS = 10_000; // for a server to accept the session, and as long beside as the config takes to get there
+const SLOWEST_BYTES_PER_MS = 32; // of an uplink: a token may have megabytes
 const GIVE_UP_MS = 120_000; // for a server to take a lost session over
 const FIRST_WAIT_MS = 100;
 const LONGEST_WAIT_MS = 5_000;
@@ -106,13 +107,14 @@ export class Connection {
     this.letGo();
     this.observer.onLink({ state: "connecting" });
     this.ending = null;
+    const opening = this.session.opening() as Uint8Array<ArrayBuffer>;
     const socket = this.world.open();
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => socket.send(this.session.opening() as Uint8Array<ArrayBuffer>);
+    socket.onopen = () => socket.send(opening);
     socket.onmessage = (event) => this.receive(new Uint8Array(event.data as ArrayBuffer));
     socket.onclose = () => this.closed();
     this.socket = socket;
-    this.takeBack = this.world.after(ANSWER_MS, () => this.closed("no answer came in time"));
+    this.takeBack = this.world.after(ANSWER_MS + opening.length / SLOWEST_BYTES_PER_MS, () => this.closed("no answer came in time"));
   }
 
   private receive(bytes: Uint8Array): void {

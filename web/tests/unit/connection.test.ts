@@ -71,8 +71,21 @@ test("a server that does not answer in time counts as none", () => {
   const client = new Client();
   client.connection.start();
   client.world.socket.open();
-  client.world.pass(10_000);
+  client.world.pass(10_100);
   expect(client.link).toMatchObject({ state: "ended", problem: { code: Code.UNAVAILABLE } });
+});
+
+test("a server has the longer to answer the larger the token is that goes to it", () => {
+  const client = following();
+  client.push(10);
+  client.world.socket.say(checkpoint(6, "t".repeat(3_200_000)));
+  client.world.socket.break();
+  client.world.pass(100);
+  client.world.socket.open();
+  client.world.pass(100_000);
+  expect(client.link).toEqual({ state: "connecting" });
+  client.world.pass(11_000);
+  expect(client.links).toContainEqual(expect.objectContaining({ state: "waiting", why: "no answer came in time" }));
 });
 
 test("a lost server is sought again, and takes up where its checkpoint says", () => {
