@@ -40,7 +40,7 @@ export interface Observer {
 
 const ANSWER_MS = 10_000; // for a server to accept the session, and as long beside as the config takes to get there
 const SLOWEST_BYTES_PER_MS = 32; // of an uplink: a token may have megabytes
-const GIVE_UP_MS = 120_000; // for a server to take a lost session over
+const GIVE_UP_MS = 120_000; // for a server to take a lost session over, and to get on with it
 const FIRST_WAIT_MS = 100;
 const LONGEST_WAIT_MS = 5_000;
 const WAIT_FACTOR = 1.6;
@@ -49,16 +49,20 @@ const BUFFERED_POLL_MS = 20; // a WebSocket does not say when it has room again
 
 /**
  * Carries one session over WebSockets, one after the other: when a server is lost, the next attempt follows, with the
- * newest checkpoint's token, until a server goes on or the time for it is over.
+ * newest checkpoint's token, until a server goes on or the time for it is over. A session that kills every server, so that
+ * none comes to a frame that is new, comes to an end too: what is lost again counts as the same loss.
  */
 export class Connection {
   private socket: Socket | null = null;
   private open = false; // a server has the session
   private begun = false; // one has had it
   private ended = false;
+  private parked = false;
   private ending: Problem | null = null; // what the server said at the end
-  private deadline = 0;
+  private deadline = 0; // of the loss that is not over yet; 0: there is none
   private wait = FIRST_WAIT_MS;
+  private taken = 0; // when the last server took the session
+  private processed = 0; // frames, as of the last loss
   private takeBack: () => void = () => {};
   private polling = false;
 
@@ -99,10 +103,6 @@ export class Connection {
     this.observer.onLink({ state: "ended", problem });
   }
 
-  private get parked(): boolean {
-    return this.begun && !this.socket && !this.ended && this.deadline === 0;
-  }
-
   private connect(): void {
     this.letGo();
     this.observer.onLink({ state: "connecting" });
@@ -136,8 +136,7 @@ export class Connection {
     }
     const resumed = this.begun;
     this.open = this.begun = true;
-    this.deadline = 0;
-    this.wait = FIRST_WAIT_MS;
+    this.taken = this.world.now();
     this.observer.onLink({ state: "open" });
     this.observer.onAccepted(accepted, resumed);
     this.flush();
@@ -146,6 +145,7 @@ export class Connection {
   private closed(why = "the connection broke"): void {
     const problem = this.ending;
     const idle = this.open && problem?.code === Code.DEADLINE_EXCEEDED;
+    if (this.open && this.recovered()) this.beginAnew();
     this.letGo();
     if (!this.begun) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: this.world.refusal() });
     if (!this.session.replay.keeps) return this.stop(problem ?? { code: Code.UNAVAILABLE, text: `Lost: ${why}.` });
@@ -156,11 +156,27 @@ export class Connection {
   }
 
   private park(): void {
+    this.beginAnew();
+    this.parked = true;
     this.observer.onLink({ state: "parked" });
     this.flush();
   }
 
+  // Of a server that had the session: it came to new frames, or lasted.
+  private recovered(): boolean {
+    const before = this.processed;
+    this.processed = this.session.processed;
+    return this.processed > before || this.world.now() - this.taken > GIVE_UP_MS;
+  }
+
+  // The next loss has all the time again.
+  private beginAnew(): void {
+    this.deadline = 0;
+    this.wait = FIRST_WAIT_MS;
+  }
+
   private search(why: string, notBefore = 0): void {
+    this.parked = false;
     const now = this.world.now();
     if (this.deadline === 0) this.deadline = now + GIVE_UP_MS;
     const pause = Math.max(this.wait * (0.8 + 0.4 * this.world.random()), notBefore);
@@ -175,7 +191,7 @@ export class Connection {
   private letGo(): void {
     this.takeBack();
     this.takeBack = () => {};
-    this.open = false;
+    this.open = this.parked = false;
     const socket = this.socket;
     this.socket = null;
     if (!socket) return;

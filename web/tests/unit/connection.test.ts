@@ -124,6 +124,44 @@ test("attempts come ever more rarely, for two minutes", () => {
   expect(client.link).toMatchObject({ state: "ended", problem: { code: Code.UNAVAILABLE } });
 });
 
+test("a session that kills every server comes to an end", () => {
+  const client = following();
+  client.push(10);
+  client.world.socket.say(tracks(8));
+  client.world.socket.say(checkpoint(6));
+  client.world.socket.break();
+  for (let servers = 1; servers < 100 && client.link.state === "waiting"; ++servers) {
+    client.world.pass(client.link.until - client.world.time);
+    client.accept({ firstFrame: 6n });
+    client.world.socket.say(tracks(8)); // as far as the others came
+    client.world.socket.break();
+  }
+  expect(client.link).toMatchObject({ state: "ended", problem: { code: Code.UNAVAILABLE } });
+  expect(client.world.time).toBeGreaterThan(110_000);
+  expect(client.world.time).toBeLessThan(120_000);
+});
+
+test("after new frames, or a long time, the next loss is another one", () => {
+  const client = following();
+  client.push(10);
+  client.world.socket.say(checkpoint(0));
+  const lose = () => {
+    client.world.socket.break();
+    if (client.link.state !== "waiting") throw new Error(client.link.state);
+    const wait = client.link.until - client.world.time;
+    client.world.pass(wait);
+    client.accept();
+    return Math.round(wait);
+  };
+  expect([lose(), lose(), lose()]).toEqual([100, 160, 256]);
+  client.world.socket.say(tracks(1));
+  expect([lose(), lose()]).toEqual([100, 160]);
+  client.world.pass(119_000);
+  expect(lose()).toBe(256);
+  client.world.pass(121_000);
+  expect([lose(), lose()]).toEqual([100, 160]);
+});
+
 test("the user need not wait", () => {
   const client = following();
   client.world.socket.break();
