@@ -49,6 +49,7 @@ class Camera implements Source {
   async next(): Promise<Picture | null> {
     const frame = await this.newFrame();
     if (!frame) return null;
+    this.expectUnturned();
     if (this.shown > 0) this.dropped += Math.max(0, frame.presentedFrames - this.shown - 1);
     this.shown = frame.presentedFrames;
     this.begin ??= frame.mediaTime;
@@ -60,6 +61,14 @@ class Camera implements Source {
     for (const track of this.stream.getTracks()) track.stop();
     this.video.srcObject = null;
     this.wake?.();
+  }
+
+  // Frames of another size, squashed into that of the first, would be followed as if the scene had moved so.
+  private expectUnturned(): void {
+    const { videoWidth, videoHeight } = this.video;
+    const { width, height } = this.own;
+    if (videoWidth === width && videoHeight === height) return;
+    throw new Error(`The camera was turned: its frames were ${width}×${height}, and are ${videoWidth}×${videoHeight} now. Start it anew.`);
   }
 
   private newFrame(): Promise<VideoFrameCallbackMetadata | null> {

@@ -270,6 +270,18 @@ test("a camera starts at once, and stopping it makes everything final", async ()
   expect(world.socket.names.at(-1)).toBe("finish");
 });
 
+test("a source that breaks ends the run, and leaves what was tracked", async () => {
+  const source = new FakeSource(1000, true);
+  const { tracker, world } = await loaded(source);
+  tracker.add([{ x: 1, y: 1 }]);
+  await accept(world);
+  source.next = () => Promise.reject(new Error("The camera was turned."));
+  world.socket.say(tracks(12, [run(1, 0, 12, 4)]));
+  await settled();
+  expect([tracker.phase.value, tracker.notice.value]).toEqual(["failed", { text: "The camera was turned.", bad: true }]);
+  expect(tracker.table()).toMatchObject({ frames: 12, complete: false, finalFrames: 4 });
+});
+
 test("a file keeps the pace at which it was recorded", async () => {
   const world = new FakeWorld();
   const tracker = new Tracker(world, () => DEFAULTS);

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+import { beforeEach, expect, test, vi } from "vitest";
+import { openCamera } from "../../src/sources/camera";
+
+/** A video element that shows a frame whenever one is waited for. */
+class FakeVideo {
+  videoWidth = 1280;
+  videoHeight = 720;
+  private presentedFrames = 0;
+
+  async play(): Promise<void> {}
+  requestVideoFrameCallback(call: (now: number, frame: object) => void): void {
+    queueMicrotask(() => call(0, { presentedFrames: ++this.presentedFrames, mediaTime: this.presentedFrames / 30 }));
+  }
+}
+
+let video: FakeVideo;
+
+beforeEach(() => {
+  video = new FakeVideo();
+  const track = { getSettings: () => ({ frameRate: 30 }), stop: () => {} };
+  const stream = { getTracks: () => [track], getVideoTracks: () => [track] };
+  vi.stubGlobal("navigator", { mediaDevices: { getUserMedia: async () => stream } });
+  vi.stubGlobal("document", { createElement: () => video });
+  vi.stubGlobal("OffscreenCanvas", class {
+    getContext = () => ({ drawImage: () => {} });
+    convertToBlob = async () => new Blob([Uint8Array.of(1)]);
+  });
+});
+
+test("a camera that is turned ends the run, and says so", async () => {
+  const source = await openCamera({ maxSide: 640, quality: 0.9 });
+  expect(source).toMatchObject({ width: 640, height: 360, own: { width: 1280, height: 720 } });
+  expect([...(await source.next())!.jpeg]).toEqual([1]);
+  Object.assign(video, { videoWidth: 720, videoHeight: 1280 });
+  await expect(source.next()).rejects.toThrow("The camera was turned: its frames were 1280×720, and are 720×1280 now.");
+  Object.assign(video, { videoWidth: 1280, videoHeight: 720 });
+  expect([...(await source.next())!.jpeg]).toEqual([1]);
+});
