@@ -90,6 +90,13 @@ export class Connection {
     this.pollBuffered();
   }
 
+  /** Whether fewer bytes than that wait for the network. Otherwise onRoom() says when to ask again. */
+  hasRoom(bytes: number): boolean {
+    if (!this.open || this.socket!.bufferedAmount < bytes) return true;
+    this.pollBuffered();
+    return false;
+  }
+
   /** Does not wait for the next attempt. */
   retryNow(): void {
     if (!this.socket && this.begun && !this.ended) this.connect();

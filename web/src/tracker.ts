@@ -315,7 +315,7 @@ export class Tracker implements Observer {
 
   private async pump(session: SessionState, connection: Connection): Promise<void> {
     try {
-      while (await this.turn(session)) {
+      while (await this.turn(session, connection)) {
         const frame = session.frames;
         if (!(await this.fetch(frame))) break;
         await this.keepPace(frame);
@@ -334,12 +334,19 @@ export class Tracker implements Observer {
   }
 
   // Waits until a frame may be sent. False: there is none to send any more.
-  private async turn(session: SessionState): Promise<boolean> {
+  private async turn(session: SessionState, connection: Connection): Promise<boolean> {
     const over = () => this.session !== session || this.stopping || this.phase.value === "failed";
-    while (!over() && !(this.phase.value === "running" && !this.held && session.wantsFrame)) {
+    while (!over() && !(this.phase.value === "running" && !this.held && this.wantsFrame(session, connection))) {
       await new Promise<void>((resolve) => this.wakers.push(resolve));
     }
     return !over();
+  }
+
+  // A live source is asked for no frame while all of another one waits for the network: that one would be old before it left.
+  private wantsFrame(session: SessionState, connection: Connection): boolean {
+    if (!session.wantsFrame) return false;
+    const newest = this.source.value!.live ? this.frames.jpeg(session.frames - 1) : null;
+    return !newest || connection.hasRoom(newest.length);
   }
 
   // The frame is in the store, with its bitmap at hand. False: the source has ended.

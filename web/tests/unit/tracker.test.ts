@@ -270,6 +270,26 @@ test("a camera starts at once, and stopping it makes everything final", async ()
   expect(world.socket.names.at(-1)).toBe("finish");
 });
 
+/** Of a source, how many frames leave while as many bytes as a frame has wait for the network, and once none do. */
+async function leaving(live: boolean): Promise<[number, number]> {
+  const { tracker, world } = await loaded(new FakeSource(1000, live));
+  if (!live) tracker.start();
+  world.socket.open();
+  world.socket.bufferedAmount = 1;
+  world.socket.say(accepted());
+  await settled();
+  const behind = tracker.sent.value;
+  world.socket.bufferedAmount = 0;
+  world.pass(20);
+  await settled();
+  return [behind, tracker.sent.value];
+}
+
+test("a camera gives no frame while one waits for the network, a file as many as the server takes", async () => {
+  expect(await leaving(true)).toEqual([1, 12]);
+  expect(await leaving(false)).toEqual([12, 12]);
+});
+
 test("a source that breaks ends the run, and leaves what was tracked", async () => {
   const source = new FakeSource(1000, true);
   const { tracker, world } = await loaded(source);
