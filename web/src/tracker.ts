@@ -342,7 +342,7 @@ export class Tracker implements Observer {
     return !over();
   }
 
-  // A live source is asked for no frame while all of another one waits for the network: that one would be old before it left.
+  // A live source is asked for no frame while all of another one waits for the network: it would be old before it left.
   private wantsFrame(session: SessionState, connection: Connection): boolean {
     if (!session.wantsFrame) return false;
     const newest = this.source.value!.live ? this.frames.jpeg(session.frames - 1) : null;

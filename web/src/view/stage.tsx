@@ -249,7 +249,7 @@ class StageCanvas {
     on("pointerup", (event) => this.release(event));
     on("pointercancel", () => this.rest());
     on("pointerleave", () => this.leave());
-    on("contextmenu", (event) => this.removeAt(event));
+    on("contextmenu", (event) => this.menu(event));
     on("wheel", (event) => this.wheel(event));
     on("keydown", (event) => this.key(event));
     on("blur", () => this.leave());
@@ -329,9 +329,16 @@ class StageCanvas {
     this.paintSoon();
   }
 
-  private removeAt(event: MouseEvent): void {
+  // A right click removes what it meets. So is a finger announced that rests on the screen, which is to remove nothing.
+  private menu(event: MouseEvent): void {
     event.preventDefault();
-    const id = this.nearest(this.positionOf(event));
+    const touch = (event as Partial<PointerEvent>).pointerType === "touch"; // not every browser says
+    const amid = this.gesture.kind !== "none" && !event.ctrlKey; // with Ctrl, a Mac's left button is the right one
+    if (!touch && !amid) this.removeAt(this.positionOf(event));
+  }
+
+  private removeAt(at: Position): void {
+    const id = this.nearest(at);
     if (page.corners.value.length > 0) page.takeCornerBack();
     else if (id !== null) page.remove(id);
     this.rest();

@@ -63,6 +63,25 @@ test("points are placed by click, moved by dragging, removed by right click", as
   expect(await points()).toBe(1);
 });
 
+test("neither a finger that rests on a point nor a click in the midst of a drag removes it", async () => {
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openClip();
+  await visitor.clickNear(268, 224);
+  const { left, top, scale } = await visitor.picture(768, 576);
+  const [x, y] = [left + 268.5 * scale, top + 224.5 * scale];
+  const menu = (init: string) => visitor.page.evaluate(`document.querySelector(".stage-canvas").dispatchEvent(
+    new PointerEvent("contextmenu", { clientX: ${x}, clientY: ${y}, bubbles: true, cancelable: true, ${init} }))`);
+  expect(await menu('pointerType: "touch"')).toBe(false); // and the browser shows no menu of its own
+  await visitor.page.mouse.move(x, y);
+  await visitor.page.mouse.down();
+  expect(await menu('pointerType: "mouse"')).toBe(false);
+  expect(await points()).toBe(1);
+  expect(await menu('pointerType: "mouse", ctrlKey: true')).toBe(false);
+  expect(await points()).toBe(0);
+  await visitor.page.mouse.up();
+  expect(await points()).toBe(0);
+});
+
 test("an object is brushed over, followed, listed with what is seen of it, and removed", async () => {
   visitor = await Visitor.at(browser, server.url);
   const { page } = visitor;
