@@ -312,6 +312,27 @@ class ManifestsTest(unittest.TestCase):
         scaled = next(item for item in rendered("base", ("keda",)) if item["kind"] == "ScaledObject")
         self.assert_promql(*(trigger["metadata"]["query"] for trigger in scaled["spec"]["triggers"]))
 
+    def test_keda_counts_the_work_that_is_promised_and_no_frames_that_wait(self):
+        scaled = next(item for item in rendered("base", ("keda",)) if item["kind"] == "ScaledObject")
+        work = next(trigger["metadata"] for trigger in scaled["spec"]["triggers"] if trigger["name"] == "work")
+        for name in set().union(*(names_in(trigger["metadata"]["query"]) for trigger in scaled["spec"]["triggers"])):
+            self.assertNotIn("lag", name)
+        servers = {"a": (450, 380), "b": (150, 420), "loading": (0, 0)}  # work promised, and the budget for it
+        series = [{"series": f'holdfast_work_{name}{{job="holdfast", instance="{server}"}}', "values": str(value)}
+                  for server, values in servers.items() for name, value in zip(("promised", "budget"), values)]
+        self.assert_value(work["query"], series, 1.5)  # budgets of a server; at three quarters of each, two servers
+        self.assert_value(work["query"], [], 0)
+        self.assertEqual(float(work["threshold"]), 0.75)
+
+    def assert_value(self, expression, series, value):
+        tests = [{"input_series": series, "promql_expr_test": [
+            {"expr": expression, "eval_time": "0m", "exp_samples": [{"labels": "{}", "value": value}]}]}]
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+            yaml.safe_dump({"tests": tests}, file)
+            done = subprocess.run([tool("promtool"), "test", "rules", file.name], capture_output=True, text=True,
+                                  check=False)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
     def assert_promql(self, *expressions):
         rules = [{"record": f"r{number}", "expr": expression} for number, expression in enumerate(expressions)]
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
