@@ -9,12 +9,13 @@ from typing import Any, Union
 import grpc
 
 # gRPC takes "min_reconnect_backoff" for the time that one attempt to connect has: with encryption, a distant server's
-# takes several round trips.
+# takes several round trips. Without "max_pings_without_data" it asks a silent peer twice whether it lives, and no more.
 _OPTIONS: tuple[tuple[str, Any], ...] = (
     ("grpc.max_receive_message_length", 64 << 20), ("grpc.max_send_message_length", -1),
     ("grpc.use_local_subchannel_pool", 1), ("grpc.keepalive_time_ms", 30_000),
-    ("grpc.keepalive_timeout_ms", 10_000), ("grpc.initial_reconnect_backoff_ms", 100),
-    ("grpc.min_reconnect_backoff_ms", 5000), ("grpc.max_reconnect_backoff_ms", 1000))
+    ("grpc.keepalive_timeout_ms", 10_000), ("grpc.http2.max_pings_without_data", 0),
+    ("grpc.initial_reconnect_backoff_ms", 100), ("grpc.min_reconnect_backoff_ms", 5000),
+    ("grpc.max_reconnect_backoff_ms", 1000))
 
 
 @dataclass(frozen=True)

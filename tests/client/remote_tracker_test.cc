@@ -14,6 +14,7 @@
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
 #include "api/errors.h"
+#include "api/steady_event.h"
 #include "proto/grpc_status.h"
 #include "tests/client/fake_service.h"
 #include "tests/support/tcp_proxy.h"
@@ -36,6 +37,7 @@ class Recorder final : public TrackObserver {
     ++done_calls;
     done = status;
     summary = value;
+    over.Notify();
   }
 
   SessionAccepted accepted;
@@ -45,6 +47,7 @@ class Recorder final : public TrackObserver {
   SessionSummary summary;
   int done_calls = 0;
   absl::Notification first_update;
+  SteadyEvent over;  // OnDone came
 };
 
 absl::StatusOr<std::unique_ptr<RemoteTracker>> ConnectTo(const std::string& address) {
@@ -298,6 +301,24 @@ TEST(RemoteTrackerTest, ADistantServerIsReachedAtTheFirstAttempt) {
   const auto tracker = ConnectTo(distant.address());
   EXPECT_TRUE(tracker.ok()) << tracker.status();
   EXPECT_EQ(distant.connections(), 1);
+}
+
+TEST(RemoteTrackerTest, ALostPathIsNoticedHoweverLongItWasSilent) {
+  FakeService service(EchoFrames);
+  TcpProxy path(service.port());
+  RemoteTracker::Options options;
+  options.addresses = {path.address()};
+  options.resume = false;
+  options.keepalive_time = absl::Milliseconds(100);  // gRPC lets a second pass from one ping to the next
+  options.keepalive_timeout = absl::Milliseconds(500);
+  const auto tracker = RemoteTracker::Connect(options);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  Recorder recorder;
+  auto stream = (*tracker)->Open({}, recorder);
+  ASSERT_TRUE(stream.ok()) << stream.status();
+  path.LoseAfter(5);  // pings, but for the first one or two
+  EXPECT_TRUE(recorder.over.WaitFor(absl::Seconds(20)));
+  EXPECT_EQ(recorder.done.code(), absl::StatusCode::kUnavailable) << recorder.done;
 }
 
 TEST(RemoteTrackerTest, OfSeveralServersTheFirstThatIsThereAnswers) {

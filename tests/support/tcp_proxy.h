@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A wire between a client and a server of one machine, which a test can make long and cut.
+// A wire between a client and a server of one machine, which a test can make long, cut and lose.
 #pragma once
 
 #include <arpa/inet.h>
@@ -9,7 +9,10 @@
 #include <unistd.h>
 
 #include <array>
+#include <atomic>
 #include <cstdint>
+#include <functional>
+#include <limits>
 #include <list>
 #include <string>
 #include <thread>
@@ -57,6 +60,12 @@ class TcpProxy {
     absl::MutexLock lock(&mutex_);
     for (const Connection& connection : connections_) Shut(connection);
   }
+  // After so many packets of the client more, nothing comes through a connection that stands, either way, and neither
+  // end is told: the path is gone.
+  void LoseAfter(int64_t packets) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    for (Connection& connection : connections_) connection.packets_left = packets;
+  }
   // As if nobody listened behind it: connections that stand stay, new ones break at once.
   void RefuseNew(bool refuse) ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
@@ -73,6 +82,7 @@ class TcpProxy {
   struct Connection {
     int client = -1;
     int server = -1;
+    std::atomic<int64_t> packets_left = std::numeric_limits<int64_t>::max();  // of the client, until the path is lost
     std::thread up;
     std::thread down;
   };
@@ -113,17 +123,25 @@ class TcpProxy {
       close(server);
       return false;
     }
-    connections_.push_back({client, server,
-                            std::thread([client, server] { Pump(client, server, absl::ZeroDuration()); }),
-                            std::thread([this, client, server] { Pump(server, client, latency_); })});
+    Connection& connection = connections_.emplace_back();
+    connection.client = client;
+    connection.server = server;
+    std::atomic<int64_t>& left = connection.packets_left;
+    connection.up = std::thread([&left, client, server] { Pump(client, server, [&left] { return left-- > 0; }); });
+    connection.down = std::thread([this, &left, client, server] {
+      Pump(server, client, [this, &left] {
+        absl::SleepFor(latency_);
+        return left > 0;
+      });
+    });
     return true;
   }
 
-  // Until one end is gone; then the other one is told.
-  static void Pump(int from, int to, absl::Duration latency) {
+  // Until one end is gone; then the other one is told. 'passes' says of each packet whether it comes through.
+  static void Pump(int from, int to, const std::function<bool()>& passes) {
     std::array<char, 1 << 16> bytes;
     for (ssize_t count; (count = recv(from, bytes.data(), bytes.size(), 0)) > 0;) {
-      absl::SleepFor(latency);
+      if (!passes()) continue;
       for (ssize_t sent = 0; sent < count;) {
         const ssize_t more = send(to, bytes.data() + sent, static_cast<size_t>(count - sent), MSG_NOSIGNAL);
         if (more <= 0) return static_cast<void>(shutdown(from, SHUT_RDWR));
