@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "absl/time/time.h"
+
 namespace holdfast {
 
 // Frames are processed at sizes whose sides are multiples of this many pixels.
@@ -31,6 +33,10 @@ constexpr size_t kMaxViolationText = 160;  // bytes of a field's path, and of a 
 // Most bytes of a checkpoint's token. Servers take messages a little larger than that, whatever frames they accept, and
 // RemoteTracker takes ones four times as large.
 constexpr int64_t kMaxTokenBytes = int64_t{16} << 20;
+
+// Bytes a second that the thinnest line carries on which a session can go on elsewhere: its token goes up first.
+constexpr int64_t kThinLineRate = 64 << 10;
+inline absl::Duration UploadTime(int64_t bytes) { return absl::Seconds(bytes / kThinLineRate); }
 
 // Most bytes of an encoded picture that are not the picture: comments, profiles, thumbnails.
 constexpr int64_t kMaxMetadataBytes = int64_t{4} << 20;

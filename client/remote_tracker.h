@@ -38,7 +38,9 @@ class RemoteTracker final : public PointTracker {
     std::string token;         // sent with every call, to servers that let in only whom they know; empty: none
     std::string trace_parent;  // sent as "traceparent" (W3C Trace Context): sessions belong to that trace; empty: none
     absl::Duration connect_timeout = absl::Seconds(5);  // for the connection to stand, at each address
-    absl::Duration answer_timeout = absl::Seconds(30);  // for a server to accept a session, or to answer Info()
+    // For a server to accept a session, or to answer Info(); a session that goes on elsewhere has a second more for
+    // each 64 KiB of its checkpoint, which goes up first.
+    absl::Duration answer_timeout = absl::Seconds(30);
 
     // Sessions go on when their server is lost; false: they end. Servers that make no checkpoints end them as well.
     bool resume = true;

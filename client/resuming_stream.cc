@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "api/limits.h"
 #include "proto/convert.h"
 
 namespace holdfast {
@@ -114,7 +115,7 @@ absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenFirst() {
   const size_t servers = options_.servers.size();
   absl::StatusOr<OpenCall> open;
   for (size_t i = 0; i < servers; ++i) {
-    open = OpenOn((options_.first_server + i) % servers, options_.answer_timeout);
+    open = OpenOn((options_.first_server + i) % servers, absl::InfiniteDuration());
     if (open.ok() || !AnotherServerMayAccept(open.status())) break;
   }
   return open;
@@ -125,8 +126,7 @@ absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenNext(absl::Status l
   for (SteadyTime now = clock_.SteadyNow(); const auto attempt = plan_.Next(now); now = clock_.SteadyNow()) {
     wake_.WaitFor(Between(now, attempt->at));
     if (stopped()) return lost;
-    const absl::Duration left = plan_.TimeLeft(clock_.SteadyNow());
-    absl::StatusOr<OpenCall> open = OpenOn(attempt->server, std::min(options_.answer_timeout, left));
+    absl::StatusOr<OpenCall> open = OpenOn(attempt->server, plan_.TimeLeft(clock_.SteadyNow()));
     if (open.ok()) return open;
     lost = open.status();
     if (!plan_.Failed(lost, clock_.SteadyNow())) return lost;
@@ -137,23 +137,26 @@ absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenNext(absl::Status l
                                     absl::FormatDuration(options_.reconnect_timeout)));
 }
 
-absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenOn(size_t server, absl::Duration timeout) {
+absl::StatusOr<ResumingStream::OpenCall> ResumingStream::OpenOn(size_t server, absl::Duration at_most) {
   server_ = server;
+  const v1::TrackRequest config = ConfigMessage();
+  const absl::Duration timeout = options_.answer_timeout + UploadTime(static_cast<int64_t>(config.ByteSizeLong()));
   OpenCall open;
   open.call = std::make_shared<RemoteCall>(options_.servers[server]);
   SetCall(open.call);
-  absl::StatusOr<SessionAccepted> accepted = AwaitAccepted(*open.call, timeout);
+  absl::StatusOr<SessionAccepted> accepted = AwaitAccepted(*open.call, config, std::min(timeout, at_most));
   if (!accepted.ok()) return Located(accepted.status());
   open.accepted = *std::move(accepted);
   open.accepted.server = options_.servers[server].address;
   return open;
 }
 
-absl::StatusOr<SessionAccepted> ResumingStream::AwaitAccepted(RemoteCall& call, absl::Duration timeout) {
+absl::StatusOr<SessionAccepted> ResumingStream::AwaitAccepted(RemoteCall& call, const v1::TrackRequest& config,
+                                                              absl::Duration timeout) {
   AnswerTimer timer(call, timeout);
   v1::TrackResponse response;
   absl::StatusOr<SessionAccepted> accepted = absl::InternalError("ended the session without accepting it");
-  const bool answered = call.Write(ConfigMessage()) && call.Read(&response);
+  const bool answered = call.Write(config) && call.Read(&response);
   if (answered && response.has_accepted()) accepted = FromProto(response.accepted());
   if (answered && !response.has_accepted()) accepted = absl::InternalError("answered before it accepted the session");
   const bool in_time = !timer.Stop();

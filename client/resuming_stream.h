@@ -35,7 +35,7 @@ class ResumingStream final : public TrackStream {
   struct Options {
     std::vector<RemoteServer> servers;  // not empty
     size_t first_server = 0;
-    absl::Duration answer_timeout;  // of one attempt
+    absl::Duration answer_timeout;  // of one attempt, see RemoteTracker::Options
     bool resume = true;
     int64_t buffer_bytes = 0;
     absl::Duration reconnect_timeout;
@@ -68,9 +68,11 @@ class ResumingStream final : public TrackStream {
   absl::Status RunCalls();
   absl::StatusOr<OpenCall> OpenFirst();
   absl::StatusOr<OpenCall> OpenNext(absl::Status lost);
-  absl::StatusOr<OpenCall> OpenOn(size_t server, absl::Duration timeout);
+  // For 'at_most' so long, and no longer than an answer takes.
+  absl::StatusOr<OpenCall> OpenOn(size_t server, absl::Duration at_most);
   // After an error the call is over.
-  absl::StatusOr<SessionAccepted> AwaitAccepted(RemoteCall& call, absl::Duration timeout);
+  absl::StatusOr<SessionAccepted> AwaitAccepted(RemoteCall& call, const v1::TrackRequest& config,
+                                                absl::Duration timeout);
   v1::TrackRequest ConfigMessage() const;
   // Another server may have other defaults; the session stays what it was.
   void TakeOptions(const SessionAccepted& accepted);

@@ -99,8 +99,10 @@ ABSL_FLAG(int, max_batch_rows, Defaults().engine.max_batch_rows,
           "for the others.");
 ABSL_FLAG(int, max_pending_frames, Defaults().engine.max_pending_frames,
           "Lets this many frames of a session wait to be encoded; then the server stops reading its stream.");
-ABSL_FLAG(absl::Duration, first_message_timeout, Defaults().first_message_timeout,
-          "Ends a stream whose configuration has not come after this time.");
+ABSL_FLAG(
+    absl::Duration, first_message_timeout, Defaults().first_message_timeout,
+    "Ends a stream whose configuration has not come after this time, once all places for streams are taken. While "
+    "some are free it may take 256 s longer: a checkpoint comes with it, which a thin line carries slowly.");
 ABSL_FLAG(absl::Duration, idle_timeout, Defaults().idle_timeout,
           "Ends a stream whose client has neither sent nor read for this time. inf: never.");
 ABSL_FLAG(absl::Duration, grace_period, Defaults().grace_period,

@@ -14,6 +14,7 @@ from . import errors
 from ._session import SessionState
 
 _FIRST_WAIT, _LONGEST_WAIT, _FACTOR, _JITTER = 0.1, 5.0, 1.6, 0.2  # seconds between attempts to reconnect
+_THIN_LINE = 64 << 10  # bytes a second, at which a checkpoint goes up to the next server
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,8 @@ class Route:
         if self._search is not None:
             self._search.refuse(attempt.server, failed)
         elif failed.lost and self._state.keeps:
-            self._search = _Search(self._order_after(attempt.server), self._seconds, self._timeout, self._now)
+            timeout = self._timeout + len(self._state.token) // _THIN_LINE
+            self._search = _Search(self._order_after(attempt.server), self._seconds, timeout, self._now)
         else:
             raise failed.error from None
         return self._search.next(failed.error)

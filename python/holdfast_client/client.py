@@ -24,7 +24,7 @@ class Client(BaseClient[Session]):
     """A tracking server, or several of which any will do: "host:port", "a:1,b:2" or a list. Thread-safe.
 
     `tls`: True, or a Tls; `token`: of the caller; `reconnect`: None ends sessions with their server; `timeout`: seconds
-    for a server to answer.
+    for a server to answer; a session that goes on elsewhere has one more for each 64 KiB of its checkpoint.
     """
 
     _grpc = grpc

@@ -7,6 +7,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "api/errors.h"
+#include "api/limits.h"
 #include "proto/convert.h"
 #include "proto/grpc_status.h"
 #include "server/logging.h"
@@ -220,7 +221,7 @@ void ServedStream::OnSessionDone(const absl::Status& status, const SessionSummar
   MaybeWriteLocked();
 }
 
-void ServedStream::CheckTime(SteadyTime now) {
+void ServedStream::CheckTime(SteadyTime now, bool wanted) {
   absl::Status late;
   {
     absl::MutexLock lock(&mutex_);
@@ -233,7 +234,8 @@ void ServedStream::CheckTime(SteadyTime now) {
     }
     if (input_closed_ || done_) return;
     if (session_ == nullptr) {
-      if (Between(started_, now) < deps_.options.first_message_timeout) return;
+      const absl::Duration more = wanted ? absl::ZeroDuration() : UploadTime(kMaxTokenBytes);
+      if (Between(started_, now) < deps_.options.first_message_timeout + more) return;
       late = absl::DeadlineExceededError("the config did not come in time");
     } else {
       if (!reading_ || quiet < deps_.options.idle_timeout) return;

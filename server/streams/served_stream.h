@@ -24,7 +24,7 @@
 namespace holdfast {
 
 struct StreamOptions {
-  absl::Duration first_message_timeout = absl::Seconds(10);  // until the config has come
+  absl::Duration first_message_timeout = absl::Seconds(10);  // until the config has come, see CheckTime
   absl::Duration idle_timeout = absl::Minutes(2);            // without a message read by either side
   int64_t max_unsent_bytes = 1 << 20;                        // of results; beyond it nothing is read from the client
   int64_t max_message_bytes = 1 << 20;                       // of one Tracks message; clients accept 4 MiB by default
@@ -68,8 +68,10 @@ class ServedStream final : private SessionListener {
   // Starts the first read. Call it once, when the carrier is ready.
   void Begin() ABSL_LOCKS_EXCLUDED(mutex_);
 
-  // Called by the owner now and then: ends a stream whose client keeps it waiting for too long.
-  void CheckTime(SteadyTime now) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Called by the owner now and then: ends a stream whose client keeps it waiting for too long. A config that does not
+  // come looks like one whose token takes its time on a thin line, so it has the time of the largest token besides,
+  // unless the place is 'wanted' by others.
+  void CheckTime(SteadyTime now, bool wanted) ABSL_LOCKS_EXCLUDED(mutex_);
   // Takes nothing more from the client and ends with 'status' once the results of what was taken are sent.
   void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
   // Tells the client, once, that its session will be suspended in this time; a stream that has no session yet is told

@@ -66,7 +66,7 @@ absl::StatusOr<Engine*> ServedStreams::AdmitLocked() {
     events_.StreamRefused(RefusalReason::kLoading);
     return StillLoading();
   }
-  if (static_cast<int>(live_.size() - retired_.size()) >= options_.max_streams) {
+  if (FullLocked()) {
     events_.StreamRefused(RefusalReason::kStreams);
     return OverloadError("streams", absl::StrCat("all ", options_.max_streams, " are open"), kRetryAfter);
   }
@@ -137,16 +137,18 @@ void ServedStreams::CheckStreams() {
   std::vector<LiveStream*> streams;
   absl::Duration draining_for = -absl::InfiniteDuration();  // there is no drain
   bool aborting = false;
+  bool full = false;
   const SteadyTime now = clock_.SteadyNow();
   {
     absl::MutexLock lock(&mutex_);
     for (const auto& [stream, owner] : live_) streams.push_back(stream);
     if (drain_began_) draining_for = Between(*drain_began_, now);
     aborting = aborting_;
+    full = FullLocked();
   }
   for (LiveStream* live : streams) {
     ServedStream& stream = live->stream();
-    stream.CheckTime(now);
+    stream.CheckTime(now, full);
     if (draining_for >= absl::ZeroDuration()) DrainStream(stream, draining_for);
     if (aborting) stream.Abort();
   }

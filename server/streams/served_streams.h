@@ -83,6 +83,9 @@ class ServedStreams {
   void DestroyRetired() ABSL_LOCKS_EXCLUDED(mutex_);
   void CheckStreams() ABSL_LOCKS_EXCLUDED(mutex_);
   void DrainStream(ServedStream& stream, absl::Duration draining_for) const;
+  bool FullLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return static_cast<int>(live_.size() - retired_.size()) >= options_.max_streams;
+  }
   bool IdleLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return alive_ == 0; }
 
   const Options options_;

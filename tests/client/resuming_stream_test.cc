@@ -261,6 +261,21 @@ TEST(ResumingStreamTest, AConnectionThatBreaksIsALossLikeAnyOther) {
   EXPECT_GE(proxy.connections(), 2);
 }
 
+TEST(ResumingStreamTest, ALargeCheckpointHasTimeToGoUp) {
+  ScriptedService::Options large;
+  large.token_bytes = 640 << 10;
+  ScriptedService first(large, CutAfter({10}));
+  ScriptedService second(std::vector<ScriptedCall>{});
+  TcpProxy slow(second.service().port(), absl::Milliseconds(300));
+  ResumeObserver observer;
+  RemoteTracker::Options options = At({first.address(), slow.address()});
+  options.answer_timeout = absl::Milliseconds(200);
+  auto stream = Open(options, observer);
+  ASSERT_NE(stream, nullptr);
+  EXPECT_THAT(PushAndFinish(*stream, 20), IsOk());
+  EXPECT_THAT(observer.servers, ElementsAre(slow.address()));
+}
+
 TEST(ResumingStreamTest, CutsAtAnyMomentLoseNothing) {
   ScriptedService server(std::vector<ScriptedCall>{});
   TcpProxy proxy(server.service().port());

@@ -19,9 +19,10 @@
 
 namespace holdfast {
 
-inline v1::TrackResponse CheckpointAt(int64_t next_frame, bool resumable = true) {
+inline v1::TrackResponse CheckpointAt(int64_t next_frame, bool resumable = true, size_t bytes = 0) {
   v1::TrackResponse response;
-  response.mutable_checkpoint()->set_token(absl::StrCat(next_frame));
+  const std::string token = absl::StrCat(next_frame);
+  response.mutable_checkpoint()->set_token(std::string(bytes - std::min(bytes, token.size()), '0') + token);
   response.mutable_checkpoint()->set_next_frame(next_frame);
   response.mutable_checkpoint()->set_resumable(resumable);
   return response;
@@ -46,6 +47,7 @@ class ScriptedService {
     int interval = 4;
     int replay_frames = 8;
     int lag = 2;
+    size_t token_bytes = 0;  // at least
   };
   // Calls that come after the scripted ones go well.
   ScriptedService(const Options& options, std::vector<ScriptedCall> calls)
@@ -107,7 +109,8 @@ class ScriptedService {
   void Answer(FakeService::Stream& stream, const ScriptedCall& call, int64_t frame) const {
     stream.Write(Sample(1, frame, static_cast<float>(frame), 0));
     if (options_.replay_frames == 0 || (frame + 1) % options_.interval != 0) return;
-    v1::TrackResponse checkpoint = CheckpointAt(std::max<int64_t>(0, frame + 1 - options_.lag), call.resumable);
+    v1::TrackResponse checkpoint =
+        CheckpointAt(std::max<int64_t>(0, frame + 1 - options_.lag), call.resumable, options_.token_bytes);
     if (call.outgrown) checkpoint.mutable_checkpoint()->clear_token();
     stream.Write(checkpoint);
   }

@@ -94,6 +94,10 @@ class RouteTest(unittest.TestCase):
         with self.assertRaises(Unavailable):
             route.after(attempt, LOST)
 
+    def test_a_large_checkpoint_has_time_to_go_up(self):
+        self.state.token = bytes(640 << 10)
+        self.assertEqual(self.lose(self.route(seconds=60, timeout=5)).timeout, 15)
+
     def test_a_session_that_keeps_nothing_ends_with_its_server(self):
         self.state.keeps = False
         with self.assertRaises(Unavailable):
