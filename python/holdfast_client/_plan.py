@@ -62,10 +62,10 @@ def broken(server: str, what: str) -> CallFailed:
 
 
 class _Search:
-    """For a server that takes a lost session over."""
+    """For a server that takes a lost session over, of those in `order`."""
 
     def __init__(self, order: list[int], seconds: float, timeout: float, now: Callable[[], float]) -> None:
-        self._order = order
+        self.order = order
         self._timeout = timeout
         self._now = now
         self._deadline = now() + seconds
@@ -78,12 +78,12 @@ class _Search:
         if failed.lost or (isinstance(error, errors.Overloaded) and error.retry_after is not None):
             return
         self._refused.add(server)
-        if not isinstance(error, errors.NotResumable) or len(self._refused) == len(self._order):
+        if not isinstance(error, errors.NotResumable) or len(self._refused) == len(self.order):
             raise error from None
 
     def next(self, error: errors.HoldfastError) -> Attempt:
-        while self._order[0] in self._refused:
-            self._order.append(self._order.pop(0))
+        while self.order[0] in self._refused:
+            self.order.append(self.order.pop(0))
         pause = self._wait * random.uniform(1 - _JITTER, 1 + _JITTER)
         self._wait = min(self._wait * _FACTOR, _LONGEST_WAIT)
         if isinstance(error, errors.Overloaded):
@@ -91,13 +91,14 @@ class _Search:
         left = self._deadline - self._now() - pause
         if left <= 0:
             raise error from None
-        self._order.append(self._order.pop(0))
-        return Attempt(self._order[-1], pause, min(self._timeout, left))
+        self.order.append(self.order.pop(0))
+        return Attempt(self.order[-1], pause, min(self._timeout, left))
 
 
 class Route:
     """A session begins at the first server that takes it, each being asked once. When that one is lost, the others are
-    asked in turn until one goes on or the time for it is over. Not thread-safe."""
+    asked in turn until one goes on or the time for it is over. One that takes it and is lost before it got further is
+    part of the same search, so that a session that kills every server comes to an end. Not thread-safe."""
 
     def __init__(self, state: SessionState, servers: int, timeout: float, reconnect: Reconnect | None,
                  now: Callable[[], float] = time.monotonic) -> None:
@@ -107,33 +108,42 @@ class Route:
         self._seconds = reconnect.seconds if reconnect is not None else 0.0
         self._now = now
         self._begun = False
-        self._search: _Search | None = None
-
-    @property
-    def following(self) -> bool:
-        """Whether a server has the session."""
-        return self._begun and self._search is None
+        self._taken_at = 0.0
+        self._processed = 0  # frames, when a server was last lost
+        self._search: _Search | None = None  # the newest
+        self.following = False  # whether a server has the session
 
     def first(self) -> Attempt:
         return Attempt(0, 0.0, self._timeout)
 
     def accepted(self) -> bool:
         """A server has taken the session. True: in place of one that was lost."""
-        resumed, self._begun, self._search = self._begun, True, None
+        resumed, self._begun, self.following = self._begun, True, True
+        self._taken_at = self._now()
         return resumed
 
     def after(self, attempt: Attempt, failed: CallFailed) -> Attempt:
         """Where to turn when an attempt, or the call that came of it, has failed. Raises its error if nowhere."""
         if not self._begun:
             return self._another_first(attempt, failed)
-        if self._search is not None:
+        if self.following:
+            self._lose(attempt.server, failed)
+        elif self._search is not None:
             self._search.refuse(attempt.server, failed)
-        elif failed.lost and self._state.keeps:
-            timeout = self._timeout + len(self._state.token) // _THIN_LINE
-            self._search = _Search(self._order_after(attempt.server), self._seconds, timeout, self._now)
-        else:
-            raise failed.error from None
+        assert self._search is not None
         return self._search.next(failed.error)
+
+    def _lose(self, server: int, failed: CallFailed) -> None:
+        self.following = False
+        if not failed.lost or not self._state.keeps:
+            raise failed.error from None
+        order, now = self._order_after(server), self._now()
+        recovered = self._state.processed > self._processed or now - self._taken_at > self._seconds
+        if self._search is None or recovered:
+            timeout = self._timeout + len(self._state.token) // _THIN_LINE
+            self._search = _Search(order, self._seconds, timeout, self._now)
+        self._search.order = order
+        self._processed = self._state.processed
 
     def _another_first(self, attempt: Attempt, failed: CallFailed) -> Attempt:
         elsewhere = failed.lost or isinstance(failed.error, (errors.Overloaded, errors.NotResumable))

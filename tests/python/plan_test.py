@@ -19,7 +19,7 @@ OTHER_KEYS = CallFailed(NotResumable(CODE.FAILED_PRECONDITION, "other keys"))
 class RouteTest(unittest.TestCase):
     def setUp(self):
         self.now = 0.0
-        self.state = types.SimpleNamespace(keeps=True, token=b"t", resumable=True)
+        self.state = types.SimpleNamespace(keeps=True, token=b"t", resumable=True, processed=0)
 
     def route(self, servers=3, seconds=10.0, timeout=5.0):
         return Route(self.state, servers, timeout, Reconnect(seconds=seconds), lambda: self.now)
@@ -93,6 +93,30 @@ class RouteTest(unittest.TestCase):
         self.now = 10.0
         with self.assertRaises(Unavailable):
             route.after(attempt, LOST)
+
+    def lose_again(self, route, attempt, after):
+        """A server takes the session and is lost so many seconds later."""
+        self.now += attempt.pause
+        self.assertTrue(route.accepted())
+        self.now += after
+        return route.after(attempt, LOST)
+
+    def test_a_session_that_kills_every_server_ends(self):
+        route = self.route(seconds=10)
+        attempt = self.lose(route)
+        with self.assertRaises(Unavailable):
+            for _ in range(1000):
+                attempt = self.lose_again(route, attempt, after=0.1)
+        self.assertLess(self.now, 11)
+
+    def test_progress_or_a_long_time_gives_a_session_all_its_time_again(self):
+        for after, frames in ((0.1, 1), (10.1, 0)):
+            route = self.route(seconds=10)
+            attempt = self.lose(route)
+            for _ in range(100):
+                self.state.processed += frames
+                attempt = self.lose_again(route, attempt, after)
+                self.assertLess(attempt.pause, 0.13)
 
     def test_a_large_checkpoint_has_time_to_go_up(self):
         self.state.token = bytes(640 << 10)
