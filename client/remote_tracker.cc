@@ -23,8 +23,10 @@ namespace {
 
 constexpr int kFirstBackoffMs = 100;  // a server that is just starting is found soon
 constexpr int kMaxBackoffMs = 1000;
-constexpr int kConnectMs = 5000;     // of one attempt: with encryption, a distant server's takes several round trips
 constexpr int kNameLookupMs = 2000;  // at most so often: a server that is replaced has another address
+// Of one attempt to connect: with encryption, a distant server's takes several round trips.
+constexpr absl::Duration kLeastAttempt = absl::Seconds(2);
+constexpr absl::Duration kLongestAttempt = absl::Seconds(10);
 // Of a URI that names several servers: sessions go round those that say that they take some.
 constexpr char kSpread[] = R"({"loadBalancingConfig": [{"round_robin": {}}],
                                "healthCheckConfig": {"serviceName": "holdfast.v1.PointTracking"}})";
@@ -33,17 +35,23 @@ bool NamesSeveral(const std::string& address) {
   return absl::StartsWith(address, "dns:") || absl::StartsWith(address, "ipv4:") || absl::StartsWith(address, "ipv6:");
 }
 
+int Milliseconds(absl::Duration duration) { return static_cast<int>(absl::ToInt64Milliseconds(duration)); }
+
+// An attempt at an address that swallows what it is sent leaves time for two more, at a host's next addresses.
+absl::Duration AttemptTime(const RemoteTracker::Options& options) {
+  return std::clamp(options.connect_timeout / 3, kLeastAttempt, kLongestAttempt);
+}
+
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const RemoteTracker::Options& options) {
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(options.max_receive_bytes);
   arguments.SetMaxSendMessageSize(-1);                      // the server's limit counts
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // each tracker has connections of its own
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, static_cast<int>(absl::ToInt64Milliseconds(options.keepalive_time)));
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS,
-                   static_cast<int>(absl::ToInt64Milliseconds(options.keepalive_timeout)));
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, Milliseconds(options.keepalive_time));
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, Milliseconds(options.keepalive_timeout));
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);  // any number: gRPC stops asking after two otherwise
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, kFirstBackoffMs);
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kConnectMs);  // its name does not say so
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, Milliseconds(AttemptTime(options)));  // its name hides it
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kMaxBackoffMs);
   arguments.SetInt(GRPC_ARG_DNS_MIN_TIME_BETWEEN_RESOLUTIONS_MS, kNameLookupMs);
   arguments.SetInt(GRPC_ARG_SERVICE_CONFIG_DISABLE_RESOLUTION, 1);  // a name server has no say in what follows
@@ -59,18 +67,40 @@ grpc::Status AskInfo(const RemoteServer& server, absl::Duration timeout, v1::Get
   return stub->GetServerInfo(Introduced(server, context), v1::GetServerInfoRequest(), response);
 }
 
-// A channel does not tell why it failed to connect, a call that does not wait for it does.
-absl::Status WhyNotConnected(const RemoteServer& server) {
+// A channel does not tell why it failed to connect, a call that does not wait for it does, unless an attempt is still
+// under way.
+absl::Status WhyNotConnected(const RemoteServer& server, absl::Duration waited) {
   v1::GetServerInfoResponse ignored;
   const grpc::Status status = AskInfo(server, absl::Seconds(1), &ignored);
   if (status.ok()) return absl::OkStatus();
-  return absl::UnavailableError(
-      absl::StrCat("holdfast: server at ", server.address, " cannot be reached: ", status.error_message()));
+  const bool silent = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED;
+  return absl::UnavailableError(absl::StrCat(
+      "holdfast: server at ", server.address, " cannot be reached: ",
+      silent ? absl::StrCat("no connection within ", absl::FormatDuration(waited)) : status.error_message()));
 }
 
-absl::Status ConnectTo(const RemoteServer& server, absl::Duration timeout) {
-  if (server.channel->WaitForConnected(SteadyDeadline(timeout))) return absl::OkStatus();
-  return WhyNotConnected(server);
+// 'once': gives up when an attempt has failed at all of the server's addresses, which may be before 'timeout'.
+absl::Status ConnectTo(const RemoteServer& server, absl::Duration timeout, bool once) {
+  const gpr_timespec deadline = SteadyDeadline(timeout);
+  for (grpc_connectivity_state state; (state = server.channel->GetState(true)) != GRPC_CHANNEL_READY;) {
+    if (once && state == GRPC_CHANNEL_TRANSIENT_FAILURE) return WhyNotConnected(server, timeout);
+    if (!server.channel->WaitForStateChange(state, deadline)) return WhyNotConnected(server, timeout);
+  }
+  return absl::OkStatus();
+}
+
+// The first that answers. One that does not may be starting, which is waited for when no other one answers either.
+absl::StatusOr<size_t> ConnectToAny(const std::vector<RemoteServer>& servers, absl::Duration timeout) {
+  std::vector<std::string> reasons;
+  for (const bool once : {true, false}) {
+    reasons.clear();
+    for (size_t i = 0; i < servers.size() && (!once || servers.size() > 1); ++i) {
+      const absl::Status connected = ConnectTo(servers[i], timeout, once);
+      if (connected.ok()) return i;
+      reasons.emplace_back(connected.message());
+    }
+  }
+  return absl::UnavailableError(absl::StrJoin(reasons, "; "));
 }
 
 absl::Status CheckAddresses(const std::vector<std::string>& addresses) {
@@ -109,13 +139,9 @@ absl::StatusOr<std::unique_ptr<RemoteTracker>> RemoteTracker::Connect(const Opti
   for (const std::string& address : options.addresses) {
     servers.push_back({address, MakeChannel(address, options), options.token, options.trace_parent});
   }
-  std::vector<std::string> reasons;
-  for (size_t i = 0; i < servers.size(); ++i) {
-    const absl::Status connected = ConnectTo(servers[i], options.connect_timeout);
-    if (connected.ok()) return std::unique_ptr<RemoteTracker>(new RemoteTracker(options, std::move(servers), i));
-    reasons.emplace_back(connected.message());
-  }
-  return absl::UnavailableError(absl::StrJoin(reasons, "; "));
+  const absl::StatusOr<size_t> first = ConnectToAny(servers, options.connect_timeout);
+  if (!first.ok()) return first.status();
+  return std::unique_ptr<RemoteTracker>(new RemoteTracker(options, std::move(servers), *first));
 }
 
 RemoteTracker::RemoteTracker(const Options& options, std::vector<RemoteServer> servers, size_t first_server)

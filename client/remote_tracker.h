@@ -37,7 +37,8 @@ class RemoteTracker final : public PointTracker {
     ClientTls tls;
     std::string token;         // sent with every call, to servers that let in only whom they know; empty: none
     std::string trace_parent;  // sent as "traceparent" (W3C Trace Context): sessions belong to that trace; empty: none
-    absl::Duration connect_timeout = absl::Seconds(5);  // for the connection to stand, at each address
+    // For the connection to stand, at each of 'addresses'. One attempt has a third of it, but 2 to 10 seconds.
+    absl::Duration connect_timeout = absl::Seconds(20);
     // For a server to accept a session, or to answer Info(); a session that goes on elsewhere has a second more for
     // each 64 KiB of its checkpoint, which goes up first.
     absl::Duration answer_timeout = absl::Seconds(30);
@@ -61,8 +62,9 @@ class RemoteTracker final : public PointTracker {
     absl::Status Validate() const;
   };
 
-  // Blocks until a connection stands, at the first address that answers. UNAVAILABLE when none does within its timeout;
-  // the reasons are in the text.
+  // Blocks until a connection stands, at the first address that answers; of several, one is waited for that does not
+  // answer at once when none of the others does. UNAVAILABLE when none does within its timeout; the reasons are in the
+  // text.
   static absl::StatusOr<std::unique_ptr<RemoteTracker>> Connect(const Options& options);
   ~RemoteTracker() override;
 

@@ -303,6 +303,32 @@ TEST(RemoteTrackerTest, ADistantServerIsReachedAtTheFirstAttempt) {
   EXPECT_EQ(distant.connections(), 1);
 }
 
+TEST(RemoteTrackerTest, AnAttemptThatGetsNoAnswerLeavesTimeForAnotherOne) {
+  FakeService service(EchoFrames);
+  TcpProxy path(service.port());
+  path.LoseNext();
+  RemoteTracker::Options options;
+  options.addresses = {path.address()};
+  options.connect_timeout = absl::Seconds(4);
+  const auto tracker = RemoteTracker::Connect(options);
+  EXPECT_TRUE(tracker.ok()) << tracker.status();
+  EXPECT_EQ(path.connections(), 2);
+
+  path.LoseNext();
+  options.connect_timeout = absl::Milliseconds(50);
+  EXPECT_THAT(std::string(RemoteTracker::Connect(options).status().message()), HasSubstr("no connection within 50ms"));
+}
+
+TEST(RemoteTrackerTest, AnAbsentServerHoldsNobodyUpWhereAnotherOneAnswers) {
+  FakeService service(EchoFrames);
+  TcpProxy absent(service.port());
+  absent.RefuseNew(true);
+  RemoteTracker::Options options;
+  options.addresses = {absent.address(), service.address()};
+  options.connect_timeout = absl::InfiniteDuration();
+  EXPECT_TRUE(RemoteTracker::Connect(options).ok());
+}
+
 TEST(RemoteTrackerTest, ALostPathIsNoticedHoweverLongItWasSilent) {
   FakeService service(EchoFrames);
   TcpProxy path(service.port());

@@ -66,6 +66,11 @@ class TcpProxy {
     absl::MutexLock lock(&mutex_);
     for (Connection& connection : connections_) connection.packets_left = packets;
   }
+  // The path of the next connection is lost from its first packet on.
+  void LoseNext() ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    loses_next_ = true;
+  }
   // As if nobody listened behind it: connections that stand stay, new ones break at once.
   void RefuseNew(bool refuse) ABSL_LOCKS_EXCLUDED(mutex_) {
     absl::MutexLock lock(&mutex_);
@@ -126,6 +131,7 @@ class TcpProxy {
     Connection& connection = connections_.emplace_back();
     connection.client = client;
     connection.server = server;
+    if (std::exchange(loses_next_, false)) connection.packets_left = 0;
     std::atomic<int64_t>& left = connection.packets_left;
     connection.up = std::thread([&left, client, server] { Pump(client, server, [&left] { return left-- > 0; }); });
     connection.down = std::thread([this, &left, client, server] {
@@ -158,6 +164,7 @@ class TcpProxy {
   mutable absl::Mutex mutex_;
   bool closed_ ABSL_GUARDED_BY(mutex_) = false;
   bool refuses_ ABSL_GUARDED_BY(mutex_) = false;
+  bool loses_next_ ABSL_GUARDED_BY(mutex_) = false;
   std::list<Connection> connections_ ABSL_GUARDED_BY(mutex_);
   std::thread acceptor_;
 };
