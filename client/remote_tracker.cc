@@ -10,6 +10,9 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "api/address.h"
 #include "api/errors.h"
 #include "client/remote_call.h"
 #include "client/resuming_stream.h"
@@ -35,6 +38,13 @@ bool NamesSeveral(const std::string& address) {
   return absl::StartsWith(address, "dns:") || absl::StartsWith(address, "ipv4:") || absl::StartsWith(address, "ipv6:");
 }
 
+// Whether nothing that is sent there leaves this machine, of the addresses of a URI all.
+bool StaysHere(absl::string_view address) {
+  if (!absl::ConsumePrefix(&address, "ipv4:")) absl::ConsumePrefix(&address, "ipv6:");
+  const std::vector<absl::string_view> each = absl::StrSplit(address, ',');
+  return std::all_of(each.begin(), each.end(), IsLoopback);
+}
+
 int Milliseconds(absl::Duration duration) { return static_cast<int>(absl::ToInt64Milliseconds(duration)); }
 
 // An attempt at an address that swallows what it is sent leaves time for two more, at a host's next addresses.
@@ -56,6 +66,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, const Rem
   arguments.SetInt(GRPC_ARG_DNS_MIN_TIME_BETWEEN_RESOLUTIONS_MS, kNameLookupMs);
   arguments.SetInt(GRPC_ARG_SERVICE_CONFIG_DISABLE_RESOLUTION, 1);  // a name server has no say in what follows
   if (NamesSeveral(address)) arguments.SetServiceConfigJSON(kSpread);
+  if (StaysHere(address)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);  // the environment's is for other machines
   if (!options.tls.server_name.empty()) arguments.SetSslTargetNameOverride(options.tls.server_name);
   return grpc::CreateCustomChannel(address, MakeChannelCredentials(options.tls), arguments);
 }

@@ -2,6 +2,7 @@
 """The way to a server: addresses, encryption and gRPC's options, for both kinds of channels."""
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Union
@@ -16,6 +17,8 @@ _OPTIONS: tuple[tuple[str, Any], ...] = (
     ("grpc.keepalive_timeout_ms", 10_000), ("grpc.http2.max_pings_without_data", 0),
     ("grpc.initial_reconnect_backoff_ms", 100), ("grpc.min_reconnect_backoff_ms", 5000),
     ("grpc.max_reconnect_backoff_ms", 1000))
+
+_HERE = re.compile(r"(dns:///)?(localhost|127(\.\d+){3}|\[::1\]):\d+")  # addresses of this machine
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,8 @@ def metadata_of(token: str | None) -> tuple[tuple[str, str], ...]:
 def open_channel(kind: Any, address: str, tls: Union[bool, Tls]) -> Any:
     """`kind`: the module whose channel it is, grpc or grpc.aio."""
     options = list(_OPTIONS)
+    if _HERE.fullmatch(address):
+        options.append(("grpc.enable_http_proxy", 0))  # the environment's proxy is for other machines
     if not tls:
         return kind.insecure_channel(address, options)
     tls = Tls() if tls is True else tls

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdlib>
 #include <functional>
 #include <memory>
 #include <numeric>
@@ -327,6 +328,16 @@ TEST(RemoteTrackerTest, AnAbsentServerHoldsNobodyUpWhereAnotherOneAnswers) {
   options.addresses = {absent.address(), service.address()};
   options.connect_timeout = absl::InfiniteDuration();
   EXPECT_TRUE(RemoteTracker::Connect(options).ok());
+}
+
+TEST(RemoteTrackerTest, AServerOfThisMachineIsReachedWithoutAProxy) {
+  FakeService service(EchoFrames);
+  setenv("http_proxy", "http://127.0.0.1:1", /*overwrite=*/1);
+  for (const std::string& address : {service.address(), absl::StrCat("localhost:", service.port()),
+                                     absl::StrCat("ipv4:", service.address(), ",127.0.0.2:1")}) {
+    EXPECT_TRUE(ConnectTo(address).ok()) << address;
+  }
+  unsetenv("http_proxy");
 }
 
 TEST(RemoteTrackerTest, ALostPathIsNoticedHoweverLongItWasSilent) {

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import unittest
+import unittest.mock
 from datetime import datetime, timedelta, timezone
 
 import numpy as np
@@ -279,6 +280,10 @@ class ClientTest(support.ServedTest, unittest.TestCase):
             awake.start()
             self.assertTrue(client.info().build)
             awake.join()
+
+    def test_a_server_of_this_machine_is_reached_without_a_proxy(self):
+        with unittest.mock.patch.dict(os.environ, {"http_proxy": "http://127.0.0.1:1"}):
+            self.assertTrue(self.client(reconnect=None, timeout=10).info().build)
 
     def test_ctrl_c_ends_a_program_that_waits_for_its_tracks(self):
         server = self.start_server()
