@@ -19,6 +19,7 @@
 #include "client/cli/frame_choice.h"
 #include "client/cli/frame_reader.h"
 #include "client/cli/frame_spool.h"
+#include "client/cli/live_bound.h"
 #include "client/cli/progress.h"
 #include "client/cli/track_extent.h"
 #include "client/cli/track_output.h"
@@ -27,10 +28,6 @@
 
 namespace holdfast {
 namespace {
-
-// So many frames of a live input may be on their way to the server at once. What comes meanwhile is left out: in a
-// queue it would only become old.
-constexpr int64_t kLiveFramesInFlight = 8;
 
 int64_t TotalFrames(const TrackOptions& options, const FrameChoice& choice, const FrameSource& source) {
   const int64_t frames = choice.CountOf(source.frames());
@@ -74,7 +71,7 @@ class TrackRun final : public TrackObserver {
         reader_(std::move(inputs.source), {choice_, drop_}),
         overlay_(OverlayOptions(options), OverlayFacts(options, facts_),
                  [view = inputs.view](const cv::Mat& picture) { view->Show(picture); }),
-        answers_([] { return SystemClock().SteadyNow(); }),
+        answers_([this] { return clock_.SteadyNow(); }),
         table_(inputs.points, inputs.object,
                options.both ? TrackTable::Direction::kBoth : TrackTable::Direction::kForward),
         output_(options.out, inputs.points, environment.out),
@@ -118,6 +115,7 @@ class TrackRun final : public TrackObserver {
     if (broken_.ok()) broken_ = output_.Write(update, table_);
     processed_ = std::max(processed_, update.frames_processed);
     const int64_t answered = answers_.Answered(update);
+    live_bound_.Answered(answered, clock_.SteadyNow());
     const int64_t done = options_.live ? answered : processed_;
     progress_.Update(done, sent_ - done);
   }
@@ -216,7 +214,7 @@ class TrackRun final : public TrackObserver {
   // Frames before the first query's have no answers to wait for.
   bool MaySend() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const bool answers_come = sent_ > 0 && table_.Number(sent_ - 1) >= *queries_.frames().begin();
-    return over_ || !answers_come || sent_ - answers_.answered() < kLiveFramesInFlight;
+    return over_ || !answers_come || sent_ - answers_.answered() < live_bound_.frames();
   }
 
   // Without bytes at the end of the input.
@@ -360,6 +358,7 @@ class TrackRun final : public TrackObserver {
   FrameReader reader_;
   std::optional<FrameSpool> spool_;  // as sent, up to the last one that something starts on; of the main thread
   OverlayVideo overlay_;             // of the main thread
+  const SystemClock clock_;
   AnswerTimes answers_;
   absl::Status input_error_;       // of the main thread
   std::atomic<bool> over_{false};  // no more frames are wanted
@@ -368,6 +367,7 @@ class TrackRun final : public TrackObserver {
   TrackTable table_ ABSL_GUARDED_BY(mutex_);
   TrackOutput output_ ABSL_GUARDED_BY(mutex_);
   Progress progress_ ABSL_GUARDED_BY(mutex_);
+  LiveBound live_bound_ ABSL_GUARDED_BY(mutex_);
   int64_t sent_ ABSL_GUARDED_BY(mutex_) = 0;       // frames
   int64_t processed_ ABSL_GUARDED_BY(mutex_) = 0;  // frames
   absl::Status broken_ ABSL_GUARDED_BY(mutex_);    // the tracker's answers contradict the session

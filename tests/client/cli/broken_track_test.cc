@@ -167,7 +167,7 @@ TEST_F(TrackCommandTest, ALiveInputThatComesTooFastIsNotQueued) {
   options_.live = true;
   options_.input = dir_.File("pipe.y4m");
   ASSERT_EQ(mkfifo(options_.input.c_str(), 0600), 0);
-  absl::Notification eighth, written;
+  absl::Notification second, written;
   std::thread camera([&] {
     std::ofstream pipe(options_.input, std::ios::binary);
     const auto write = [&pipe](int frames) {
@@ -175,7 +175,7 @@ TEST_F(TrackCommandTest, ALiveInputThatComesTooFastIsNotQueued) {
       pipe.flush();
     };
     pipe << "YUV4MPEG2 W64 H48 F30:1 Ip C420jpeg\n";
-    while (!eighth.HasBeenNotified()) write(1);
+    while (!second.HasBeenNotified()) write(1);
     write(200);
     written.Notify();
   });
@@ -188,12 +188,12 @@ TEST_F(TrackCommandTest, ALiveInputThatComesTooFastIsNotQueued) {
   std::thread answers;
   ScriptedTracker tracker([&](TrackObserver& observer, int64_t frame) {
     sent = frame + 1;
-    if (frame > 7) answer(observer, frame, frame);
-    if (frame != 7) return absl::OkStatus();
-    eighth.Notify();
+    if (frame > 1) answer(observer, frame, frame);
+    if (frame != 1) return absl::OkStatus();
+    second.Notify();
     answers = std::thread([&] {
       written.WaitForNotification();
-      answer(observer, 0, 7);
+      answer(observer, 0, 1);
     });
     return absl::OkStatus();
   });
