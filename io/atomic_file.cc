@@ -5,13 +5,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <random>
 #include <system_error>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "io/descriptor.h"
@@ -26,13 +26,33 @@ std::string DirectoryOf(const std::string& path) {
   return parent.empty() ? "." : parent.string();
 }
 
+// Or nothing yet. Not a device, a pipe or a socket, in whose place a rename would put a file; a directory resists that.
+bool IsFile(const std::string& path) {
+  std::error_code ignored;
+  const fs::file_status status = fs::status(path, ignored);
+  return !fs::exists(status) || fs::is_regular_file(status) || fs::is_directory(status);
+}
+
+// Where the links of the last name lead, be there a file or not.
+std::string Followed(const std::string& path) {
+  constexpr int kMaxLinks = 40;  // as the system has it
+  fs::path target = path;
+  for (int links = 0; links < kMaxLinks; ++links) {
+    std::error_code no_link;
+    const fs::path next = fs::read_symlink(target, no_link);
+    if (no_link) return target.string();
+    target = target.parent_path() / next;
+  }
+  return path;
+}
+
 // Short, so that a long final name does not make it too long. Libraries that write pictures and videos choose their
 // format by the suffix, so it stays the last thing of the name.
-std::string TemporaryName(const std::string& path) {
+std::string TemporaryName(const std::string& directory, const std::string& path) {
   std::random_device random;
   const uint64_t number = (uint64_t{random()} << 32) | random();
   const std::string name = absl::StrCat(".holdfast-", absl::Hex(number, absl::kZeroPad16), ".tmp");
-  return (fs::path(DirectoryOf(path)) / (name + fs::path(path).extension().string())).string();
+  return (fs::path(directory) / (name + fs::path(path).extension().string())).string();
 }
 
 // False with errno set.
@@ -54,27 +74,56 @@ absl::Status WriteNewFile(const std::string& path, absl::string_view bytes) {
   return absl::OkStatus();
 }
 
-// Some file systems cannot sync a directory (EINVAL) and need not.
-absl::Status Sync(const std::string& path, int flags) {
-  const Descriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC | flags));
+absl::Status Sync(const std::string& path) {
+  const Descriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!fd.valid()) return SystemError("open", path);
   if (::fsync(fd.get()) != 0 && errno != EINVAL) return SystemError("sync", path);
   return absl::OkStatus();
 }
 
+// Some directories cannot be read or synced. Without it a crash may bring back what had the name before, as whole.
+void TrySyncDirectory(const std::string& path) {
+  const Descriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_DIRECTORY));
+  if (fd.valid()) ::fsync(fd.get());
+}
+
+absl::Status CopyInto(const std::string& path, const std::string& from) {
+  const Descriptor source(::open(from.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!source.valid()) return SystemError("open", from);
+  Descriptor target(::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC));
+  if (!target.valid()) return SystemError("open", path);
+  std::array<char, 1 << 16> bytes;
+  for (ssize_t count; (count = ::read(source.get(), bytes.data(), bytes.size())) != 0;) {
+    if (count < 0) return SystemError("read", from);
+    if (!WriteAll(target.get(), {bytes.data(), static_cast<size_t>(count)})) return SystemError("write", path);
+  }
+  return target.Close() ? absl::OkStatus() : SystemError("close", path);
+}
+
+// Of the temporary file. Where 'path' is no file its directory may take none, as /dev.
+std::string WorkingDirectory(bool is_file, const std::string& path) {
+  std::error_code ignored;
+  return is_file ? DirectoryOf(path) : fs::temp_directory_path(ignored).string();
+}
+
 }  // namespace
 
-PendingFile::PendingFile(std::string path) : path_(std::move(path)), temporary_(TemporaryName(path_)) {}
+PendingFile::PendingFile(const std::string& path)
+    : path_(IsFile(path) ? Followed(path) : path),
+      is_file_(IsFile(path)),
+      temporary_(TemporaryName(WorkingDirectory(is_file_, path_), path)) {}
 
 PendingFile::~PendingFile() {
   if (!committed_) ::unlink(temporary_.c_str());
 }
 
 absl::Status PendingFile::Commit() {
-  if (absl::Status synced = Sync(temporary_, 0); !synced.ok()) return synced;
+  if (!is_file_) return CopyInto(path_, temporary_);
+  if (absl::Status synced = Sync(temporary_); !synced.ok()) return synced;
   if (::rename(temporary_.c_str(), path_.c_str()) != 0) return SystemError("write", path_);
   committed_ = true;
-  return Sync(DirectoryOf(path_), O_DIRECTORY);
+  TrySyncDirectory(DirectoryOf(path_));
+  return absl::OkStatus();
 }
 
 absl::Status WriteAtomically(const std::string& path, const std::function<absl::Status(const std::string&)>& write) {
@@ -91,7 +140,8 @@ absl::Status WriteFileAtomically(const std::string& path, absl::string_view byte
 absl::Status CheckWritable(const std::string& path) {
   std::error_code ignored;
   if (fs::is_directory(path, ignored)) return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory"));
-  if (const std::string directory = DirectoryOf(path); !fs::is_directory(directory, ignored)) {
+  if (!IsFile(path)) return ::access(path.c_str(), W_OK) == 0 ? absl::OkStatus() : SystemError("write", path);
+  if (const std::string directory = DirectoryOf(Followed(path)); !fs::is_directory(directory, ignored)) {
     return absl::NotFoundError(absl::StrCat(path, ": there is no directory ", directory));
   }
   const PendingFile probe(path);

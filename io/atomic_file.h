@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The one way in which files are written: under a temporary name first, so that readers, and a crash, see a whole file
-// or none.
+// or none. A symbolic link stays one: the file it leads to is written. What is no file, as a device or a pipe, stays
+// too and is given the bytes when all of them are there.
 #pragma once
 
 #include <functional>
@@ -15,20 +16,22 @@ namespace holdfast {
 class PendingFile {
  public:
   // Makes nothing yet.
-  explicit PendingFile(std::string path);
+  explicit PendingFile(const std::string& path);
   // Removes the temporary file unless Commit gave it its name.
   ~PendingFile();
   PendingFile(const PendingFile&) = delete;
   PendingFile& operator=(const PendingFile&) = delete;
 
-  // Where to write: a name that nobody else has, in the directory and with the suffix of 'path'.
+  // Where to write: a name that nobody else has, with the suffix of 'path' and in the directory of its file.
   const std::string& temporary() const { return temporary_; }
-  // Syncs what was written, gives it its name and syncs the directory. On an error 'path' is what it was, and the
-  // temporary file goes away with this object. REQUIRES: the file is written and closed.
+  // Syncs what was written, gives it its name and, where the system can, syncs the directory. On an error a file at
+  // 'path' is what it was, and the temporary file goes away with this object. A pipe is waited for until somebody
+  // reads. REQUIRES: the file is written and closed.
   absl::Status Commit();
 
  private:
-  const std::string path_;
+  const std::string path_;  // without links, but for what is no file
+  const bool is_file_;      // or nothing yet
   const std::string temporary_;
   bool committed_ = false;
 };
@@ -40,7 +43,8 @@ absl::Status WriteAtomically(const std::string& path, const std::function<absl::
 // The same for bytes in memory; mode 0644 less the umask.
 absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes);
 
-// OK where a file can be made beside 'path' and take its name; makes one and removes it.
+// OK where a file can be made beside 'path' and take its name; makes one and removes it. Devices and pipes are OK where
+// they may be written to.
 absl::Status CheckWritable(const std::string& path);
 
 }  // namespace holdfast

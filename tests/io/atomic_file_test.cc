@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+#include <thread>
 
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -118,6 +119,47 @@ TEST(WriteAtomicallyTest, FilesOfADirectoryAreWrittenAtTheSameTime) {
   ASSERT_THAT(written, IsOk());
   EXPECT_EQ(Content(std::ifstream(dir.File("a.txt"))), "a");
   EXPECT_EQ(Content(std::ifstream(dir.File("b.txt"))), "b");
+}
+
+TEST(WriteAtomicallyTest, ALinkStaysOneAndItsFileIsWritten) {
+  const TempDir dir, other;
+  std::ofstream(other.File("old.txt")) << "old";
+  fs::create_symlink(other.File("old.txt"), dir.File("far.txt"));
+  fs::create_symlink("far.txt", dir.File("near.txt"));
+  fs::create_symlink("new.txt", dir.File("dangling.txt"));
+  for (const char* name : {"near.txt", "dangling.txt"}) {
+    ASSERT_THAT(CheckWritable(dir.File(name)), IsOk());
+    ASSERT_THAT(WriteAtomically(dir.File(name), Text(name)), IsOk());
+    EXPECT_TRUE(fs::is_symlink(dir.File(name)));
+  }
+  EXPECT_EQ(Content(std::ifstream(other.File("old.txt"))), "near.txt");
+  EXPECT_EQ(Content(std::ifstream(dir.File("new.txt"))), "dangling.txt");
+  EXPECT_EQ(dir.Count(), 4u);
+  EXPECT_EQ(other.Count(), 1u);
+}
+
+TEST(WriteAtomicallyTest, APipeStaysOneAndItsReaderGetsTheBytes) {
+  const TempDir dir;
+  const std::string path = dir.File("pipe.csv");
+  ASSERT_EQ(::mkfifo(path.c_str(), 0600), 0);
+  ASSERT_THAT(CheckWritable(path), IsOk());
+  std::string read;
+  std::thread reader([&] { read = Content(std::ifstream(path)); });
+  EXPECT_THAT(WriteAtomically(path, Text("all of it")), IsOk());
+  reader.join();
+  EXPECT_EQ(read, "all of it");
+  EXPECT_TRUE(fs::is_fifo(path));
+  EXPECT_EQ(dir.Count(), 1u);
+}
+
+// By a link of its own, so that a wrong rename takes the link and not the machine's device.
+TEST(WriteAtomicallyTest, ADeviceStaysOne) {
+  const TempDir dir;
+  fs::create_symlink("/dev/null", dir.File("null.json"));
+  ASSERT_THAT(CheckWritable(dir.File("null.json")), IsOk());
+  ASSERT_THAT(WriteFileAtomically(dir.File("null.json"), "{}"), IsOk());
+  EXPECT_TRUE(fs::is_character_file(dir.File("null.json")));
+  EXPECT_TRUE(fs::is_symlink(dir.File("null.json")));
 }
 
 TEST(CheckWritableTest, AFileThatIsThereIsNotTouched) {
