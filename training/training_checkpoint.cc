@@ -23,7 +23,6 @@ constexpr char kPairKey[] = "holdfast.training_id";
 constexpr char kStateKey[] = "holdfast.training_state";
 constexpr char kAveragePrefix[] = "average/";
 constexpr char kOptimizer[] = "optimizer";
-constexpr size_t kKeep = 2;  // newest steps whose files stay
 
 std::string WeightsPath(const std::string& directory, int64_t step) {
   return absl::StrFormat("%s/checkpoint-%08d.safetensors", directory, step);
@@ -45,17 +44,6 @@ std::set<int64_t, std::greater<int64_t>> StepsIn(const std::string& directory) {
     if (absl::SimpleAtoi(digits, &step)) steps.insert(step);
   }
   return steps;
-}
-
-void RemoveOld(const std::string& directory) {
-  const auto steps = StepsIn(directory);
-  std::error_code ignored;  // a file too many does no harm
-  size_t place = 0;
-  for (const int64_t step : steps) {
-    if (place++ < kKeep) continue;
-    std::filesystem::remove(StatePath(directory, step), ignored);
-    std::filesystem::remove(WeightsPath(directory, step), ignored);
-  }
 }
 
 std::string ToJson(const TrainingState& state) {
@@ -131,6 +119,21 @@ absl::StatusOr<TrainingCheckpoint> ReadPair(const std::string& directory, int64_
   return TrainingCheckpoint{WeightsPath(directory, step), *std::move(weights), *std::move(state), ""};
 }
 
+// Newer steps than the one just saved are what a training left that could not go on from them.
+void RemoveOthers(const std::string& directory, int64_t saved) {
+  std::error_code ignored;  // a file too many does no harm
+  bool spare = false;       // the newest complete pair before 'saved' has been met
+  for (const int64_t step : StepsIn(directory)) {
+    if (step == saved) continue;
+    if (step < saved && !spare && ReadPair(directory, step).ok()) {
+      spare = true;
+      continue;
+    }
+    std::filesystem::remove(StatePath(directory, step), ignored);
+    std::filesystem::remove(WeightsPath(directory, step), ignored);
+  }
+}
+
 }  // namespace
 
 absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointModelImpl& model,
@@ -141,7 +144,7 @@ absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointMod
   const std::string id = absl::StrCat(state.step, "-", absl::ToUnixNanos(now));
   absl::Status status = SaveModel(WeightsPath(directory, state.step), model, torch::kFloat32, {{kPairKey, id}});
   if (status.ok()) status = WriteSafetensors(StatePath(directory, state.step), ToFile(state, id));
-  if (status.ok()) RemoveOld(directory);
+  if (status.ok()) RemoveOthers(directory, state.step);
   return status;
 }
 

@@ -87,6 +87,20 @@ TEST(TrainingCheckpointTest, KeepsTheNewestTwo) {
   EXPECT_EQ((*FindTrainingCheckpoint(dir.path()))->state.step, 3);
 }
 
+TEST(TrainingCheckpointTest, HalvesOfNewerPairsDoNotCountAsPairs) {
+  const TempDir dir;
+  for (const int64_t step : {1, 2}) {
+    ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(step), kTime), IsOk());
+  }
+  // As left by processes killed between the two files; the third one goes on from step 2.
+  for (const int64_t step : {8, 9}) std::filesystem::copy_file(dir.File(Weights(2)), dir.File(Weights(step)));
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(3), kTime), IsOk());
+  EXPECT_EQ(dir.Count(), 4u);
+  EXPECT_EQ((*FindTrainingCheckpoint(dir.path()))->state.step, 3);
+  std::filesystem::remove(dir.File(State(3)));
+  EXPECT_EQ((*FindTrainingCheckpoint(dir.path()))->state.step, 2) << "the pair before stays too";
+}
+
 TEST(TrainingCheckpointTest, APairWithoutItsSecondFileIsPassedOver) {
   const TempDir dir;
   for (const int64_t step : {1, 2}) {
