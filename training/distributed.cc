@@ -4,6 +4,7 @@
 #include <torch/version.h>
 
 #include <exception>
+#include <torch/csrc/distributed/c10d/PrefixStore.hpp>
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
 #include <torch/csrc/distributed/c10d/TCPStore.hpp>
 #ifdef USE_C10D_NCCL
@@ -16,6 +17,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "training/first_line.h"
 
 namespace holdfast {
@@ -73,19 +75,24 @@ class C10dGroup : public ProcessGroup {
 c10::intrusive_ptr<c10d::Store> OpenStore(const GroupOptions& options, std::chrono::milliseconds timeout) {
   c10d::TCPStoreOptions store;
   store.port = static_cast<uint16_t>(options.port);
-  store.isServer = options.rank == 0;
+  store.isServer = options.rank == 0 && options.agent_prefix.empty();
   store.numWorkers = static_cast<size_t>(options.world);
   store.timeout = timeout;
 #if TORCH_VERSION_MAJOR >= 2
   store.useLibUV = false;  // not every build has it
 #endif
-  return c10::make_intrusive<c10d::TCPStore>(options.address, store);
+  auto opened = c10::make_intrusive<c10d::TCPStore>(options.address, store);
+  if (options.agent_prefix.empty()) return opened;
+  return c10::make_intrusive<c10d::PrefixStore>(options.agent_prefix, opened);
 }
 
 c10::intrusive_ptr<Collectives> OpenGloo(const GroupOptions& options) {
   const std::chrono::milliseconds timeout = absl::ToChronoMilliseconds(options.timeout);
   auto gloo = c10d::ProcessGroupGloo::Options::create(timeout);
-  gloo->devices.push_back(c10d::ProcessGroupGloo::createDefaultDevice());
+  for (const std::string& interface : options.interfaces) {
+    gloo->devices.push_back(c10d::ProcessGroupGloo::createDeviceForInterface(interface));
+  }
+  if (options.interfaces.empty()) gloo->devices.push_back(c10d::ProcessGroupGloo::createDefaultDevice());
   return c10::make_intrusive<c10d::ProcessGroupGloo>(OpenStore(options, timeout), static_cast<int>(options.rank),
                                                      static_cast<int>(options.world), gloo);
 }
@@ -134,6 +141,13 @@ absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<con
   }
   options.port = static_cast<int>(std::min<int64_t>(std::max<int64_t>(port, 0), 65536));
   if (const char* address = getenv("MASTER_ADDR")) options.address = address;
+  if (const char* names = getenv("GLOO_SOCKET_IFNAME")) {
+    options.interfaces = absl::StrSplit(names, ',', absl::SkipEmpty());
+  }
+  const char *agent = getenv("TORCHELASTIC_USE_AGENT_STORE"), *restarts = getenv("TORCHELASTIC_RESTART_COUNT");
+  if (agent != nullptr && absl::string_view(agent) == "True") {
+    options.agent_prefix = absl::StrCat("/worker/attempt_", restarts != nullptr ? restarts : "0");
+  }
   const absl::Status status = options.Validate();
   if (!status.ok()) return status;
   return options;

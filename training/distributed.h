@@ -9,6 +9,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -23,13 +24,18 @@ struct GroupOptions {
   int port = 0;                                // at which rank 0 listens
   absl::Duration timeout = absl::Minutes(30);  // for the others to join, and for each exchange
   int64_t local_rank = -1;                     // among the processes of this machine; negative: not told
+  // Where torchrun's agent serves the job's store at the address and port, so that rank 0 does not: the start of the
+  // keys of this try, as the store outlives a process that failed. Empty: rank 0 serves it.
+  std::string agent_prefix;
+  std::vector<std::string> interfaces;  // of the network, for Gloo; empty: that of the host's name
 
   absl::Status Validate() const;
 };
 
-// The variables RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT, as torchrun and Kubernetes operators set them, and
-// LOCAL_RANK, as torchrun does; without WORLD_SIZE a single process. 'getenv' is as std::getenv. INVALID_ARGUMENT names
-// the variable.
+// The variables RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT, as torchrun and Kubernetes operators set them,
+// LOCAL_RANK, TORCHELASTIC_USE_AGENT_STORE and TORCHELASTIC_RESTART_COUNT, as torchrun does, and GLOO_SOCKET_IFNAME, a
+// list with commas; without WORLD_SIZE a single process. 'getenv' is as std::getenv. INVALID_ARGUMENT names the
+// variable.
 absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<const char*(const char*)>& getenv);
 
 // The device of this process where all of a machine are told the same: "cuda" without a number is the GPU of its local

@@ -10,6 +10,7 @@
 
 #include <map>
 #include <thread>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
 
 #include "api/clock.h"
 #include "model/presets.h"
@@ -42,17 +43,28 @@ int FreePort() {
   return bound ? ntohs(address.sin_port) : 0;
 }
 
-// Runs 'body' as each of two ranks, in threads.
-void AsTwoRanks(const std::function<void(ProcessGroup&)>& body) {
-  const int port = FreePort();
+// Runs 'body' as each of two ranks, in threads, with all else as 'options' say.
+void AsTwoRanks(const GroupOptions& options, const std::function<void(ProcessGroup&)>& body) {
   const auto run = [&](int64_t rank) {
-    auto group = ProcessGroup::Join({rank, 2, "127.0.0.1", port, absl::Minutes(1)}, torch::kCPU);
+    GroupOptions mine = options;
+    mine.rank = rank;
+    auto group = ProcessGroup::Join(mine, torch::kCPU);
     ASSERT_THAT(group, IsOk());
     body(**group);
   };
   std::thread other([&] { run(1); });
   run(0);
   other.join();
+}
+
+GroupOptions TwoProcesses() { return {0, 2, "127.0.0.1", FreePort(), absl::Minutes(1)}; }
+
+void AsTwoRanks(const std::function<void(ProcessGroup&)>& body) { AsTwoRanks(TwoProcesses(), body); }
+
+void ExpectSums(ProcessGroup& group) {
+  torch::Tensor sum = torch::tensor({1.0f + static_cast<float>(group.rank()), 10.0f});
+  ASSERT_THAT(group.Sum(sum), IsOk());
+  EXPECT_TRUE(torch::equal(sum, torch::tensor({3.0f, 20.0f})));
 }
 
 TEST(GroupOptionsTest, WithoutVariablesThereIsOneProcess) {
@@ -81,6 +93,18 @@ TEST(GroupOptionsTest, EachProcessOfAMachineHasAGpuOfItsOwn) {
   EXPECT_EQ(DeviceOf(torch::Device("cuda"), GroupOptions()), torch::Device("cuda"));
 }
 
+TEST(GroupOptionsTest, ReadsWhatTorchrunSaysOfItsStore) {
+  EXPECT_EQ(From({})->agent_prefix, "");
+  EXPECT_EQ(From({{"TORCHELASTIC_USE_AGENT_STORE", "False"}})->agent_prefix, "");
+  EXPECT_EQ(From({{"TORCHELASTIC_USE_AGENT_STORE", "True"}, {"TORCHELASTIC_RESTART_COUNT", "3"}})->agent_prefix,
+            "/worker/attempt_3");
+}
+
+TEST(GroupOptionsTest, ReadsTheInterfacesOfTheNetwork) {
+  EXPECT_TRUE(From({})->interfaces.empty());
+  EXPECT_EQ(From({{"GLOO_SOCKET_IFNAME", "eth0,eth1"}})->interfaces, (std::vector<std::string>{"eth0", "eth1"}));
+}
+
 TEST(GroupOptionsTest, NamesTheVariableThatIsWrong) {
   EXPECT_THAT(From({{"LOCAL_RANK", "1"}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("LOCAL_RANK")));
   EXPECT_THAT(From({{"WORLD_SIZE", "two"}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("WORLD_SIZE")));
@@ -102,13 +126,35 @@ TEST(ProcessGroupTest, ASingleProcessKeepsItsNumbers) {
 
 TEST(ProcessGroupTest, TwoProcessesSumAndTakeOver) {
   AsTwoRanks([](ProcessGroup& group) {
-    torch::Tensor sum = torch::tensor({1.0f + static_cast<float>(group.rank()), 10.0f});
-    ASSERT_THAT(group.Sum(sum), IsOk());
-    EXPECT_TRUE(torch::equal(sum, torch::tensor({3.0f, 20.0f})));
+    ExpectSums(group);
     torch::Tensor first = torch::full({2}, static_cast<float>(group.rank()) + 5);
     ASSERT_THAT(group.Broadcast(first), IsOk());
     EXPECT_TRUE(torch::equal(first, torch::tensor({5.0f, 5.0f})));
   });
+}
+
+TEST(ProcessGroupTest, JoinsAtTheStoreOfAnAgentTimeAndAgain) {
+  c10d::TCPStoreOptions store;
+  store.port = 0;
+  store.isServer = true;
+  store.waitWorkers = false;
+  const c10d::TCPStore agent("127.0.0.1", store);
+  GroupOptions options = TwoProcesses();
+  options.port = agent.getPort();
+  for (const char* attempt : {"/worker/attempt_0", "/worker/attempt_1"}) {
+    options.agent_prefix = attempt;
+    AsTwoRanks(options, ExpectSums);
+  }
+}
+
+TEST(ProcessGroupTest, JoinsByTheInterfaceThatIsAskedFor) {
+  GroupOptions options = TwoProcesses();
+  options.interfaces = {"lo"};
+  AsTwoRanks(options, ExpectSums);
+  options.interfaces = {"no-such-one"};
+  options.port = FreePort();
+  EXPECT_THAT(ProcessGroup::Join(options, torch::kCPU),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("no-such-one")));
 }
 
 TEST(ProcessGroupTest, WaitsNoLongerThanItMayForTheOthers) {
