@@ -43,11 +43,12 @@ void CopyFitting(const TensorFile& file, PointModelImpl& model, WarmStartReport&
   }
 }
 
-void ZeroBlockOutputs(PointModelImpl& model) {
-  for (auto& item : model.named_parameters()) {
-    const std::string& name = item.key();
+// Each part of an attention block is added to what it gets, so that one whose last linear is zero changes nothing.
+void ZeroFreshOutputs(const std::vector<std::string>& fresh, PointModelImpl& model) {
+  auto parameters = model.named_parameters();
+  for (const std::string& name : fresh) {
     if (!absl::StartsWith(name, "context.blocks.")) continue;
-    if (absl::StrContains(name, ".proj.") || absl::StrContains(name, ".fc2.")) item.value().zero_();
+    if (absl::StrContains(name, ".proj.") || absl::StrContains(name, ".fc2.")) parameters[name].zero_();
   }
 }
 
@@ -71,9 +72,8 @@ absl::StatusOr<WarmStartReport> WarmStart(const TensorFile& file, const torch::T
   WarmStartReport report;
   CopyFitting(file, model, report);
   if (report.copied == 0) return absl::InvalidArgumentError("no parameter of the file fits the network");
-  if (model.options().context_blocks == 0 || HasAttention(file)) return report;
-  ZeroBlockOutputs(model);
-  if (!frames.defined()) return report;
+  ZeroFreshOutputs(report.fresh, model);
+  if (model.options().context_blocks == 0 || HasAttention(file) || !frames.defined()) return report;
   try {
     MatchLastNorm(frames, model);
   } catch (const std::exception& e) {

@@ -21,9 +21,9 @@ struct WarmStartReport {
 
 // Starts 'model' from the weights of a network with other options: every parameter that fits is copied. A last linear
 // with more outputs takes the file's rows and zeros. Attention blocks the file does not have begin as the identity
-// (their output projections are zero), and the norm after them as near the identity as a norm can be, measured on
-// 'frames' ([F, H, W, 3] uint8; undefined: not measured). So the start behaves as the network of the file does.
-// INVALID_ARGUMENT: nothing fits.
+// (their output projections are zero), and the norm after them, where the file has none, as near the identity as a norm
+// can be, measured on 'frames' ([F, H, W, 3] uint8; undefined: not measured). So the start behaves as the network of
+// the file does. INVALID_ARGUMENT: nothing fits.
 absl::StatusOr<WarmStartReport> WarmStart(const TensorFile& file, const torch::Tensor& frames, PointModelImpl& model);
 
 }  // namespace holdfast

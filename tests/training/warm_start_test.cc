@@ -72,6 +72,18 @@ TEST(WarmStartTest, AddedAttentionBeginsNearTheIdentity) {
   EXPECT_NEAR(with.mean().item<double>(), plain.mean().item<double>(), 0.02);
 }
 
+TEST(WarmStartTest, AnotherBlockOfAttentionBeginsAsTheIdentity) {
+  ModelOptions options = *PresetByName("test");
+  options.context_blocks = 1;
+  PointModel from(options);
+  options.context_blocks = 2;
+  PointModel to(options);
+  const auto report = WarmStart(ToTensorFile(*from, torch::kFloat32, {}), Frames(), *to);
+  ASSERT_THAT(report, IsOk());
+  EXPECT_THAT(report->fresh, Contains("context.blocks.1.query.weight"));
+  EXPECT_TRUE(torch::equal(Track(*from), Track(*to)));
+}
+
 TEST(WarmStartTest, KeepsTheAttentionOfAFileThatHasIt) {
   PointModel from(*PresetByName("test"));
   PointModel to(*PresetByName("test"));
