@@ -46,14 +46,17 @@ absl::StatusOr<json> ReadTracksFile(const std::string& path) {
   return tracks;
 }
 
-// Sets the labels of point n from one entry of 'frames', 'xy' and 'visible'; false if it is malformed.
-bool SetLabel(const json& frame, const json& xy, const json& visible, int64_t n, int64_t& last, Sample& sample) {
+// Sets the labels of point n from one entry of 'frames', 'xy' and 'visible'; false if it is malformed. The sample
+// begins at frame 'first' of the clip.
+bool SetLabel(const json& frame, const json& xy, const json& visible, int64_t first, int64_t n, int64_t& last,
+              Sample& sample) {
   if (!frame.is_number_integer() || !(visible.is_boolean() || visible.is_number())) return false;
-  const int64_t s = frame.get<int64_t>();
+  const int64_t number = frame.get<int64_t>();
   const bool seen = visible.is_boolean() ? visible.get<bool>() : visible.get<double>() != 0;
-  if (s <= last) return false;
-  last = s;
-  const bool asked_for = s < sample.num_frames();  // of a part of the clip, perhaps
+  if (number <= last) return false;
+  last = number;
+  const int64_t s = number - first;
+  const bool asked_for = s >= 0 && s < sample.num_frames();  // of a part of the clip, perhaps
   if (xy.is_null()) {
     if (asked_for) sample.SetHidden(s, n);
     return !seen;
@@ -69,7 +72,7 @@ bool SetLabel(const json& frame, const json& xy, const json& visible, int64_t n,
   return true;
 }
 
-bool SetPoint(const json& point, int64_t n, Sample& sample) {
+bool SetPoint(const json& point, int64_t first, int64_t n, Sample& sample) {
   if (!point.is_object()) return false;
   const auto frames = point.find("frames"), xy = point.find("xy"), visible = point.find("visible");
   for (const auto& list : {frames, xy, visible}) {
@@ -77,7 +80,7 @@ bool SetPoint(const json& point, int64_t n, Sample& sample) {
   }
   int64_t last = -1;
   for (size_t i = 0; i < frames->size(); ++i) {
-    if (!SetLabel((*frames)[i], (*xy)[i], (*visible)[i], n, last, sample)) return false;
+    if (!SetLabel((*frames)[i], (*xy)[i], (*visible)[i], first, n, last, sample)) return false;
   }
   const double object = Number(point, "object", 0);
   if (!(object >= 0 && object <= 65535)) return false;
@@ -100,6 +103,12 @@ std::vector<std::string> NumberedFiles(const fs::path& folder) {
   }
 }
 
+// 'count' of 'paths' from 'first' on; none of none.
+std::vector<std::string> Part(const std::vector<std::string>& paths, int64_t first, int64_t count) {
+  if (paths.empty()) return {};
+  return {paths.begin() + first, paths.begin() + first + count};
+}
+
 class NeutralDataset : public Dataset {
  public:
   NeutralDataset(const NeutralOptions& options, std::vector<fs::path> clips)
@@ -114,31 +123,43 @@ class NeutralDataset : public Dataset {
     const std::string tracks_path = (clip / "tracks.json").string();
     absl::StatusOr<json> tracks = ReadTracksFile(tracks_path);
     if (!tracks.ok()) return tracks.status();
-    if (absl::Status status = ReadPictures(clip, sample); !status.ok()) return status;
-    if (absl::Status status = SetPoints(*tracks, tracks_path, sample); !status.ok()) return status;
+    const absl::StatusOr<int64_t> first = ReadPictures(clip, rng, sample);
+    if (!first.ok()) return first.status();
+    if (absl::Status status = SetPoints(*tracks, tracks_path, *first, sample); !status.ok()) return status;
     std::vector<int64_t> points(static_cast<size_t>(sample.num_points()));
     for (size_t n = 0; n < points.size(); ++n) points[n] = static_cast<int64_t>(n);
     if (options_.points > 0) sample.SelectPoints(EvenlyPicked(points, options_.points));
-    if (options_.frames > 0) return Stretch(sample, rng);
+    // What is hidden nobody knows where is of no use to who wants clips of one length, to train.
+    if (options_.frames > 0) sample.hidden.clear();
     return sample;
   }
 
  private:
-  absl::Status ReadPictures(const fs::path& clip, Sample& sample) const {
+  // Those of the part of the clip that is asked for, and no others; returns the first one's number.
+  absl::StatusOr<int64_t> ReadPictures(const fs::path& clip, Rng& rng, Sample& sample) const {
     std::vector<std::string> frames = NumberedFiles(clip / "frames"), masks = NumberedFiles(clip / "masks");
     if (frames.empty()) return absl::NotFoundError(absl::StrCat("no frames in ", (clip / "frames").string()));
     if (!masks.empty() && masks.size() != frames.size()) {
       return absl::DataLossError(absl::StrCat(clip.string(), " has masks for some frames only"));
     }
-    if (options_.max_frames > 0 && static_cast<int64_t>(frames.size()) > options_.max_frames) {
-      frames.resize(static_cast<size_t>(options_.max_frames));
-      masks.resize(std::min(masks.size(), frames.size()));
+    int64_t first = 0, count = static_cast<int64_t>(frames.size());
+    if (options_.max_frames > 0) count = std::min(count, options_.max_frames);
+    if (options_.frames > 0) {
+      const int64_t spare = count - options_.frames;
+      if (spare < 0) {
+        return absl::FailedPreconditionError(
+            absl::StrCat(sample.source, " has fewer than ", options_.frames, " frames"));
+      }
+      first = rng.Integer(0, spare);
+      count = options_.frames;
+      absl::StrAppend(&sample.source, "/", first);
     }
-    if (absl::Status status = ReadFrames(frames, {}, sample); !status.ok()) return status;
-    return ReadMasks(masks, sample);
+    if (absl::Status status = ReadFrames(Part(frames, first, count), {}, sample); !status.ok()) return status;
+    if (absl::Status status = ReadMasks(Part(masks, first, count), sample); !status.ok()) return status;
+    return first;
   }
 
-  static absl::Status SetPoints(const json& tracks, const std::string& path, Sample& sample) {
+  static absl::Status SetPoints(const json& tracks, const std::string& path, int64_t first, Sample& sample) {
     const cv::Size2d size(tracks["width"].get<double>(), tracks["height"].get<double>());
     if (size != cv::Size2d(sample.size().width, sample.size().height))
       return Wrong(path, "another size than the frames");
@@ -146,30 +167,10 @@ class NeutralDataset : public Dataset {
     const json& points = tracks["points"];
     sample.AllocatePoints(static_cast<int64_t>(points.size()));
     for (int64_t n = 0; n < sample.num_points(); ++n) {
-      if (!SetPoint(points[static_cast<size_t>(n)], n, sample))
+      if (!SetPoint(points[static_cast<size_t>(n)], first, n, sample))
         return Wrong(path, absl::StrCat("point ", n, " is malformed"));
     }
     return absl::OkStatus();
-  }
-
-  absl::StatusOr<Sample> Stretch(const Sample& sample, Rng& rng) const {
-    const int64_t count = options_.frames, spare = sample.num_frames() - count;
-    if (spare < 0)
-      return absl::FailedPreconditionError(absl::StrCat(sample.source, " has fewer than ", count, " frames"));
-    const int64_t first = rng.Integer(0, spare), points = sample.num_points();
-    const auto cut = [&](const auto& all, int64_t width) {
-      return std::decay_t<decltype(all)>(all.begin() + first * width, all.begin() + (first + count) * width);
-    };
-    Sample part;  // what is hidden nobody knows where is of no use to who wants clips of one length, to train
-    part.frames = cut(sample.frames, 1);
-    if (sample.has_masks()) part.masks = cut(sample.masks, 1);
-    part.tracks = cut(sample.tracks, 2 * points);
-    part.visible = cut(sample.visible, points);
-    part.valid = cut(sample.valid, points);
-    part.object_ids = sample.object_ids;
-    part.source = absl::StrCat(sample.source, "/", first);
-    part.fps = sample.fps;
-    return part;
   }
 
   const NeutralOptions options_;

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "training/data/image_files.h"
@@ -130,12 +131,32 @@ TEST_F(NeutralTest, TakesStretchesFromPlacesThatTheRngDraws) {
     const size_t first = static_cast<size_t>(part->source.back() - '0');
     ASSERT_LT(first, 4u);
     EXPECT_EQ(cv::norm(part->frames[0], whole.frames[first], cv::NORM_INF), 0);
-    EXPECT_EQ(part->Visible(2, 1), whole.Visible(static_cast<int64_t>(first) + 2, 1));
+    EXPECT_EQ(cv::norm(part->masks[2], whole.masks[first + 2], cv::NORM_INF), 0);
+    for (int64_t s = 0; s < 3; ++s) {
+      EXPECT_EQ(part->Position(s, 1), whole.Position(static_cast<int64_t>(first) + s, 1));
+      EXPECT_EQ(part->Visible(s, 1), whole.Visible(static_cast<int64_t>(first) + s, 1));
+    }
     seen[first] = true;
   }
   EXPECT_EQ(std::count(seen.begin(), seen.end(), true), 4);
   options.frames = 7;
   EXPECT_THAT(Get(options), StatusIs(absl::StatusCode::kFailedPrecondition));
+}
+
+TEST_F(NeutralTest, ReadsNoPictureOutsideOfAStretch) {
+  ASSERT_THAT(WriteNeutral(SyntheticClip(), root_.path().string()), IsOk());
+  NeutralOptions options = Options();
+  options.frames = 2;
+  const std::string source = Get(options)->source;
+  const int first = source.back() - '0';
+  for (int s = 0; s < 6; ++s) {
+    if (s == first || s == first + 1) continue;
+    std::ofstream(root_.File(absl::StrCat("frames/0000", s, ".jpg"))) << "half";
+    std::ofstream(root_.File(absl::StrCat("masks/0000", s, ".png"))) << "half";
+  }
+  const absl::StatusOr<Sample> part = Get(options);
+  ASSERT_THAT(part, IsOk());
+  EXPECT_EQ(part->source, source);
 }
 
 TEST_F(NeutralTest, ReadsNoMoreFramesAndPointsThanAskedFor) {
