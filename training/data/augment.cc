@@ -123,7 +123,8 @@ void ScaleAndCrop(const std::vector<cv::Size>& scaled, const std::vector<cv::Poi
     sample.frames[s] = Window(Scaled(sample.frames[s], scaled[s]), corner[s], size);
     if (!sample.has_masks()) continue;
     cv::Mat mask;
-    cv::resize(sample.masks[s], mask, scaled[s], 0, 0, cv::INTER_NEAREST);
+    // By pixel centres, as the pictures; INTER_NEAREST takes corners for them.
+    cv::resize(sample.masks[s], mask, scaled[s], 0, 0, cv::INTER_NEAREST_EXACT);
     sample.masks[s] = Window(mask, corner[s], size);
   }
   MovePoints(sample, [&](int64_t s, cv::Point2f xy) {

@@ -74,6 +74,22 @@ TEST(AugmentTest, AWindowOfAScaledFrameHasItsPointsAtPixelCentres) {
   EXPECT_EQ(clip.frames[0].at<cv::Vec3b>(1, 3), cv::Vec3b(0, 0, 0));
 }
 
+TEST(AugmentTest, EdgesOfAScaledMaskStayWhereThePointsAre) {
+  constexpr int kWidth = 160, kScaledWidth = 111, kHeight = 8, kFirst = 30, kEnd = 130;
+  double shift = 0;
+  for (int edge = kFirst; edge < kEnd; ++edge) {
+    Sample clip;
+    clip.frames = {cv::Mat::zeros(kHeight, kWidth, CV_8UC3)};
+    clip.masks = {cv::Mat(kHeight, kWidth, CV_32SC1, cv::Scalar(1))};
+    clip.masks[0].colRange(edge, kWidth).setTo(2);
+    clip.AllocatePoints(1);
+    clip.SetPosition(0, 0, {static_cast<float>(edge) - 0.5f, 4});
+    ScaleAndCrop({{kScaledWidth, kHeight}}, {{0, 0}}, {kScaledWidth, kHeight}, clip);
+    shift += cv::countNonZero(clip.masks[0].row(4) == 1) - 0.5 - clip.Position(0, 0).x;
+  }
+  EXPECT_NEAR(shift / (kEnd - kFirst), 0, 0.05);
+}
+
 TEST(AugmentTest, ErasersHideWhatLiesBeneathAndChangeOverTime) {
   int64_t hidden = 0, changes = 0;
   for (uint64_t seed = 0; seed < 30; ++seed) {
