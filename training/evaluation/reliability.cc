@@ -38,8 +38,9 @@ std::vector<Claim> ClaimsOf(const ScoredVideo& video) {
   for (int64_t point = 0; point < video.points; ++point) {
     for (int64_t frame = video.query_frames[point] + 1; frame < video.frames; ++frame) {
       const int64_t index = video.Index(frame, point);
-      if (!video.valid[index]) continue;
-      const bool right = video.true_visible[index] != 0 && ScoredError(video, index) < kRightWithin;
+      const bool placed = video.valid[index] != 0;
+      if (!placed && (video.hidden.empty() || video.hidden[index] == 0)) continue;
+      const bool right = placed && video.true_visible[index] != 0 && ScoredError(video, index) < kRightWithin;
       claims.push_back({index, video.confidence[index], right});
     }
   }

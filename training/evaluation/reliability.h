@@ -20,7 +20,8 @@ struct Claim {
   bool right = false;    // by the truth
 };
 
-// Those of all frames after the points' queries for which there is a truth; none without confidences.
+// Those of all frames after the points' queries for which there is a truth, and of those whose points are hidden nobody
+// knows where: there every claim is wrong. None without confidences.
 std::vector<Claim> ClaimsOf(const ScoredVideo& video);
 
 struct ReliabilityBin {  // claims whose confidence is in one tenth of [0, 1]

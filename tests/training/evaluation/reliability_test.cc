@@ -164,6 +164,17 @@ TEST(ClaimsTest, AHiddenPointIsWrongHoweverClose) {
   EXPECT_FALSE(claims[1].right);
 }
 
+TEST(ClaimsTest, APointThatIsHiddenNobodyKnowsWhereIsWrong) {
+  ScoredVideo video = Video(4, 1);
+  video.valid[2] = video.true_visible[2] = 0;
+  video.valid[3] = video.true_visible[3] = 0;
+  video.hidden = {0, 0, 1, 0};
+  const std::vector<Claim> claims = ClaimsOf(video);
+  EXPECT_THAT(IndicesOf(claims), ElementsAre(1, 2)) << "nothing is known of frame 3";
+  EXPECT_TRUE(claims[0].right);
+  EXPECT_FALSE(claims[1].right);
+}
+
 TEST(ClaimsTest, RightIsBelowEightPixelsOfAFrameOf256) {
   const auto right = [](float dx, float dy) {
     ScoredVideo video = Video(2, 1);
