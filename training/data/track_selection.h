@@ -11,7 +11,7 @@ namespace holdfast {
 
 struct TrackRules {
   float visible_margin_px = 1;     // nearer to the border than this is not visible
-  float valid_outside_px = 64;     // further out than this is not valid
+  float valid_outside_px = 64;     // further out than this is not valid; negative: as far inside
   int64_t good_at_start = 2;       // first frames in which a track must be visible and valid
   double good_frames_power = 0.5;  // ... and in at least frames^power of them,
   int64_t good_frames_least = 0;   // and this many
@@ -23,7 +23,7 @@ struct TrackRules {
   double max_jerk = 0.1;
 
   static TrackRules Training() { return {}; }
-  static TrackRules Evaluation() { return {1, 0, 1, 0, 8, false, 0, 0, 0}; }
+  static TrackRules Evaluation() { return {1, -1, 1, 0, 8, false, 0, 0, 0}; }
 };
 
 // Clears 'visible' and 'valid' by the two distances of the rules.

@@ -82,8 +82,10 @@ ABSL_FLAG(double, alike_share, Defaults().data.alike_share,
 ABSL_FLAG(holdfast::ImageSize, clip_size, Defaults().data.size, "Makes synthetic clips of WIDTHxHEIGHT pixels.");
 ABSL_FLAG(int64_t, frames, Defaults().data.frames,
           "Takes at most this many frames of a clip. 0: whole sequences, 24 frames of a synthetic clip.");
-ABSL_FLAG(int64_t, points, Defaults().data.points,
-          "Follows at most this many points of a clip. 0: all of them, 64 in a synthetic clip.");
+ABSL_FLAG(
+    int64_t, points, Defaults().data.points,
+    "Follows at most this many points of a clip. 0: all of them, 64 in a synthetic clip, 256 of PointOdyssey with "
+    "--suite.");
 ABSL_FLAG(int64_t, count, static_cast<int64_t>(Defaults().data.count),
           "Evaluates at most this many sequences. 0: all of them, 20 synthetic clips.");
 ABSL_FLAG(uint64_t, seed, Defaults().data.seed, "Seeds the synthetic clips: the same seed makes the same clips.");

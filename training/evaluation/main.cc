@@ -61,6 +61,7 @@ absl::StatusOr<std::vector<Report>> EvaluateSuite(const EvaluateRequest& request
     EvaluationDataOptions data = request.data;
     data.format = published.format;
     data.dir = folder;
+    if (data.points == 0) data.points = published.points;
     return EvaluateData(data, request.processing_size.empty() ? published.processing_size : request.processing_size,
                         methods);
   };

@@ -49,6 +49,7 @@ std::vector<PublishedResult> PaperResults() {
        Published(50.9, 83.0, 13.5)}};
   results[0].published.delta_vis = 36.3;
   results[0].published.delta_occ = 23.7;
+  results[0].points = 256;
   return results;
 }
 

@@ -18,6 +18,7 @@ struct PublishedResult {
   std::string where;          // to get it
   ImageSize processing_size;  // the paper's
   Metrics published;          // of the paper's model
+  int64_t points = 0;         // of a sequence at most, as the published test takes them; 0: all
 };
 std::vector<PublishedResult> PaperResults();
 

@@ -41,6 +41,13 @@ TEST(TrackSelectionTest, TheBordersDecideWhatIsVisibleAndValid) {
   EXPECT_THAT(sample.valid, ElementsAre(1, 1, 1, 1, 1, 1, 0, 0));
 }
 
+TEST(TrackSelectionTest, TheEvaluationScoresNothingWithinAPixelOfTheBorder) {
+  Sample sample = Tracks({{{1, 1}, {0.9f, 20}, {50, 0.9f}, {98, 20}}, {{98, 48}, {98.1f, 48}, {50, 48.1f}, {-9, 20}}});
+  MarkOutside(TrackRules::Evaluation(), sample);
+  EXPECT_THAT(sample.visible, ElementsAre(1, 1, 0, 0, 0, 0, 1, 0));
+  EXPECT_EQ(sample.valid, sample.visible);
+}
+
 TEST(TrackSelectionTest, TracksMustBeSeenAtTheStartAndOftenEnough) {
   const std::vector<cv::Point2f> still(9, {30, 20});
   Sample sample = Tracks({still, still, still, still});

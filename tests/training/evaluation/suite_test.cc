@@ -40,7 +40,9 @@ TEST_F(SuiteTest, KnowsThePapersFigures) {
   const std::vector<PublishedResult> results = PaperResults();
   ASSERT_EQ(results.size(), 3u);
   EXPECT_EQ(results[0].published.delta_occ, 23.7);
+  EXPECT_EQ(results[0].points, 256);
   EXPECT_EQ(results[1].published.survival_50, 94.6);
+  EXPECT_EQ(results[1].points, 0) << "all of them";
   EXPECT_EQ(results[2].published.mte, 13.5);
   EXPECT_EQ(results[2].processing_size, (ImageSize{1280, 768}));
 }

@@ -26,8 +26,8 @@ struct PointOdysseyOptions {
 // <root>/<split>/<sequence>/{rgbs/rgb_%05d.jpg, masks/mask_%05d.png, anno.npz or annotations.npz}.
 // Clips keep the training rules of track_selection.h, and holes of the masks are filled (image_files.h). Whole
 // sequences (frames = 0; for the evaluator) keep its evaluation rules: tracks that are visible in the first frame and
-// in 8 at least, labels valid inside the frame only, nothing dropped for how it moves; 'points' are then evenly picked.
-// A sequence whose files are damaged, missing or hostile is an error of Get() that names the file.
+// in 8 at least, labels valid a pixel inside the frame only, nothing dropped for how it moves; 'points' are then evenly
+// picked. A sequence whose files are damaged, missing or hostile is an error of Get() that names the file.
 class PointOdyssey {
  public:
   // NOT_FOUND if the split has no sequence with annotations.
