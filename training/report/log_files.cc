@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/report/log_files.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <system_error>
+#include <tuple>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -19,24 +20,31 @@ namespace {
 
 double Seconds(absl::Time time) { return absl::ToDoubleSeconds(time - absl::UnixEpoch()); }
 
-// A file that is only ever appended to; the first failure is reported, later ones are not.
+// A file of records that is only ever appended to; the first failure is reported, later ones are not.
 class AppendOnlyFile {
  public:
-  explicit AppendOnlyFile(const std::string& path) : path_(path), stream_(path, std::ios::app | std::ios::binary) {}
+  explicit AppendOnlyFile(const std::string& path)
+      : path_(path), fd_(::open(path.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC, 0666)) {}
+  ~AppendOnlyFile() {
+    if (is_open()) ::close(fd_);
+  }
+  AppendOnlyFile(const AppendOnlyFile&) = delete;
+  AppendOnlyFile& operator=(const AppendOnlyFile&) = delete;
 
-  bool is_open() const { return stream_.is_open(); }
+  bool is_open() const { return fd_ >= 0; }
 
-  void Append(absl::string_view bytes) {
-    stream_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    stream_.flush();
-    if (stream_) return;
+  // The whole record or nothing of it: a half would spoil the one that is written when there is room again.
+  void Append(absl::string_view record) {
+    const off_t end = ::lseek(fd_, 0, SEEK_END);
+    const ssize_t written = ::write(fd_, record.data(), record.size());
+    if (written == static_cast<ssize_t>(record.size())) return;
+    if (written > 0) std::ignore = ::ftruncate(fd_, end);  // what else could be done?
     if (!std::exchange(failed_, true)) std::cerr << "cannot write to " << path_ << ": lines are missing there\n";
-    stream_.clear();  // there may be room again later
   }
 
  private:
   const std::string path_;
-  std::ofstream stream_;
+  const int fd_;
   bool failed_ = false;
 };
 

@@ -10,7 +10,8 @@
 
 namespace holdfast {
 
-// Appends to 'path': {"event":"step",...}, {"event":"validation",...}, {"event":"notice",...}; each line is flushed.
+// Appends to 'path': {"event":"step",...}, {"event":"validation",...}, {"event":"notice",...}; a line that
+// finds no room is left out as a whole.
 absl::StatusOr<std::unique_ptr<TrainingObserver>> OpenJsonLog(const std::string& path);
 
 // A new file events.out.tfevents.<seconds>.holdfast.<process> in 'directory' (made if absent).

@@ -21,7 +21,10 @@ def read_curve(directory, metric):
     """[(minutes of training, value)] of a log; a validation done again after a resume counts once, the last time."""
     minutes, points = 0.0, {}
     for line in (Path(directory) / "log.jsonl").read_text(encoding="utf-8").splitlines():
-        event = json.loads(line)
+        try:
+            event = json.loads(line)
+        except json.JSONDecodeError:  # of a process that was killed while it wrote
+            continue
         if event["event"] == "step":
             minutes = event["elapsed_s"] / 60
         elif event["event"] == "validation" and metric in event:

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
 
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "tests/support/status_matchers.h"
@@ -91,6 +95,47 @@ TEST(JsonLogTest, SurvivesAFullDisk) {
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "cannot write to /dev/full: lines are missing there\n");
 }
 
+// While it lives the process's files take 'bytes' and no more.
+class FullDisk {
+ public:
+  explicit FullDisk(rlim_t bytes) : handler_(signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit full = {bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &full);
+  }
+  ~FullDisk() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  const sighandler_t handler_;
+  rlimit before_;
+};
+
+// Steps 1 to 6, of which 3 and 4 find room for a part of a record.
+void LogStepsThroughAFullDisk(TrainingObserver& log, const std::string& path) {
+  for (int step = 1; step <= 2; ++step) log.StepDone(Step(step));
+  {
+    const FullDisk full(std::filesystem::file_size(path) + 20);
+    testing::internal::CaptureStderr();
+    for (int step = 3; step <= 4; ++step) log.StepDone(Step(step));
+    EXPECT_THAT(testing::internal::GetCapturedStderr(), HasSubstr("lines are missing there"));
+  }
+  for (int step = 5; step <= 6; ++step) log.StepDone(Step(step));
+}
+
+TEST(JsonLogTest, LinesAreWholeOrMissing) {
+  const TempDir dir;
+  auto log = OpenJsonLog(dir.File("log.jsonl"));
+  ASSERT_THAT(log, IsOk());
+  LogStepsThroughAFullDisk(**log, dir.File("log.jsonl"));
+  std::istringstream lines(Read(dir.File("log.jsonl")));
+  std::vector<int> steps;
+  for (std::string line; std::getline(lines, line);) steps.push_back(nlohmann::json::parse(line)["step"]);
+  EXPECT_EQ(steps, (std::vector<int>{1, 2, 5, 6}));
+}
+
 TEST(JsonLogTest, ADirectoryThatIsNotThereIsAnError) {
   EXPECT_THAT(OpenJsonLog("/nonexistent/log.jsonl"), StatusIs(absl::StatusCode::kPermissionDenied));
 }
@@ -108,6 +153,23 @@ TEST(EventLogTest, MakesItsDirectoryAndOneRecordAnEvent) {
   EXPECT_THAT(bytes, HasSubstr("loss/total"));
   EXPECT_THAT(bytes, HasSubstr("validation/delta_vis"));
   EXPECT_THAT(bytes, Not(HasSubstr("loss/objectness")));
+}
+
+TEST(EventLogTest, RecordsAreWholeOrMissing) {
+  const TempDir dir;
+  auto log = OpenEventLog(dir.path(), absl::FromUnixSeconds(1000));
+  ASSERT_THAT(log, IsOk());
+  const std::string path = std::filesystem::directory_iterator(dir.path())->path();
+  LogStepsThroughAFullDisk(**log, path);
+  const std::string bytes = Read(path);
+  size_t records = 0, at = 0;
+  for (; at + 8 <= bytes.size(); ++records) {
+    uint64_t length;
+    std::memcpy(&length, bytes.data() + at, sizeof length);
+    at += 8 + 4 + length + 4;
+  }
+  EXPECT_EQ(at, bytes.size());
+  EXPECT_EQ(records, 5u) << "the version and four steps";
 }
 
 TEST(ConsoleTest, WritesPlainLinesNowAndThen) {

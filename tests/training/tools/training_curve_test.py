@@ -38,6 +38,16 @@ class TrainingCurveTest(unittest.TestCase):
         self.assertEqual(texts[texts.index("20") + 1:][:6], ["0", "2", "4", "6", "8", "10"])  # minutes
         self.assertIn(f"{self.folder}: 5.0 to 18.0", texts)
 
+    def test_half_a_line_is_passed_over(self):
+        result = self.draw(EVENTS)
+        whole = (self.folder / "curve.svg").read_text()
+        log = self.folder / "log.jsonl"
+        log.write_text(log.read_text() + '{"event": "validation", "st')
+        result = subprocess.run([sys.executable, str(SCRIPT), str(self.folder), f"--out={self.folder / 'curve.svg'}"],
+                                capture_output=True, text=True)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertEqual((self.folder / "curve.svg").read_text(), whole)
+
     def test_a_log_without_validations_is_an_error(self):
         result = self.draw(EVENTS[1:2])
         self.assertEqual(result.returncode, 1)
