@@ -142,9 +142,8 @@ void CropOrScale(ImageSize size, Rng& rng, Sample& sample) {
   if (rng.Chance(0.5))
     return ScaleAndCrop(std::vector(frames, window), std::vector(frames, cv::Point()), window, sample);
   const cv::Size native(sample.size().width, sample.size().height);
-  const cv::Point corner(RandomCorner(native.width, window.width, rng),
-                         RandomCorner(native.height, window.height, rng));
-  ScaleAndCrop(std::vector(frames, native), std::vector(frames, corner), window, sample);
+  const int y = RandomCorner(native.height, window.height, rng), x = RandomCorner(native.width, window.width, rng);
+  ScaleAndCrop(std::vector(frames, native), std::vector(frames, cv::Point(x, y)), window, sample);
 }
 
 void DriftingCrop(const AugmentOptions& options, Rng& rng, Sample& sample) {
@@ -156,7 +155,7 @@ void DriftingCrop(const AugmentOptions& options, Rng& rng, Sample& sample) {
   const Curve zoom = Curve::Wander(rng, 0.3, duration);
   const Curve shift_x = Curve::Wander(rng, 60, duration), shift_y = Curve::Wander(rng, 60, duration);
   const cv::Point2d focus = CentreOfInterest(sample);
-  const cv::Point2d pad(rng.Uniform(-kMaxPad, kMaxPad), rng.Uniform(-kMaxPad, kMaxPad));
+  const double pad_y = rng.Uniform(-kMaxPad, kMaxPad), pad_x = rng.Uniform(-kMaxPad, kMaxPad);
   std::vector<cv::Size> scaled;
   std::vector<cv::Point> corner;
   for (int64_t s = 0; s < sample.num_frames(); ++s) {
@@ -167,8 +166,8 @@ void DriftingCrop(const AugmentOptions& options, Rng& rng, Sample& sample) {
     const double sx = std::max(scale * std::exp(stretch_x.At(t)), least);
     const double sy = std::max(scale * std::exp(stretch_y.At(t)), least);
     scaled.emplace_back(static_cast<int>(native.width * sx), static_cast<int>(native.height * sy));
-    corner.emplace_back(static_cast<int>(focus.x * sx - window.width / 2.0 + pad.x + shift_x.At(t)),
-                        static_cast<int>(focus.y * sy - window.height / 2.0 + pad.y + shift_y.At(t)));
+    corner.emplace_back(static_cast<int>(focus.x * sx - window.width / 2.0 + pad_x + shift_x.At(t)),
+                        static_cast<int>(focus.y * sy - window.height / 2.0 + pad_y + shift_y.At(t)));
     corner.back().x =
         std::clamp(corner.back().x, -kMaxPad, std::max(-kMaxPad, scaled.back().width - window.width + kMaxPad));
     corner.back().y =
@@ -184,15 +183,15 @@ void EraseRectangles(Rng& rng, Sample& sample) {
   for (int64_t i = 0; i < count; ++i) {
     const int64_t from = rng.Integer(1, std::max<int64_t>(1, sample.num_frames() - 1));
     const int64_t length = rng.Integer(1, std::max<int64_t>(1, sample.num_frames() / 2));
-    const cv::Point2d centre(rng.Uniform(0, width), rng.Uniform(0, height));
-    const cv::Point2d half(rng.Uniform(0.03, 0.25) * width, rng.Uniform(0.03, 0.25) * height);
+    const double centre_y = rng.Uniform(0, height), centre_x = rng.Uniform(0, width);
+    const double half_y = rng.Uniform(0.03, 0.25) * height, half_x = rng.Uniform(0.03, 0.25) * width;
     const Curve x = Curve::Wander(rng, 0.3 * width, duration), y = Curve::Wander(rng, 0.3 * height, duration);
     const Curve grow = Curve::Wander(rng, 0.5, duration);
     for (int64_t s = from; s < std::min(from + length, sample.num_frames()); ++s) {
       const double t = static_cast<double>(s), size = std::exp(grow.At(t));
-      const cv::Point low(static_cast<int>(centre.x + x.At(t) - half.x * size),
-                          static_cast<int>(centre.y + y.At(t) - half.y * size));
-      const cv::Size box(static_cast<int>(2 * half.x * size) + 1, static_cast<int>(2 * half.y * size) + 1);
+      const cv::Point low(static_cast<int>(centre_x + x.At(t) - half_x * size),
+                          static_cast<int>(centre_y + y.At(t) - half_y * size));
+      const cv::Size box(static_cast<int>(2 * half_x * size) + 1, static_cast<int>(2 * half_y * size) + 1);
       const cv::Rect area = cv::Rect(low, box) & cv::Rect(0, 0, sample.size().width, sample.size().height);
       if (area.empty()) continue;
       EraseRectangle(area, sample, s, cv::mean(sample.frames[static_cast<size_t>(s)](area)));

@@ -92,8 +92,8 @@ void Photometric::Apply(double time, Rng& rng, cv::Mat& frame) const {
   }
   if (blur_px_ > 0) cv::GaussianBlur(frame, frame, {5, 5}, blur_px_);
   if (noise_ > 0) {
-    const cv::Point corner(static_cast<int>(rng.Below(kGrainSpare)), static_cast<int>(rng.Below(kGrainSpare)));
-    cv::addWeighted(frame, 1, grain_(cv::Rect(corner, frame.size())), noise_, -128 * noise_, frame);
+    const int y = static_cast<int>(rng.Below(kGrainSpare)), x = static_cast<int>(rng.Below(kGrainSpare));
+    cv::addWeighted(frame, 1, grain_(cv::Rect({x, y}, frame.size())), noise_, -128 * noise_, frame);
   }
   if (jpeg_quality_ > 0) {
     // The codec takes RGB for BGR on both ways; the loss is of the same kind.

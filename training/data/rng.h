@@ -17,7 +17,8 @@ inline uint64_t MixSeed(uint64_t seed, uint64_t index) {
   return z ^ (z >> 31);
 }
 
-// Not for use by several threads at once.
+// Not for use by several threads at once. Draw once an expression, but for lists in braces: compilers differ in which
+// of two calls they make first, and a seed's clip shall be the same everywhere.
 class Rng {
  public:
   explicit Rng(uint64_t seed) : engine_(seed) {}

@@ -157,6 +157,31 @@ TEST(AugmentTest, TheSameSeedGivesTheSameClip) {
   for (size_t s = 0; s < 6; ++s) EXPECT_EQ(cv::norm(a.frames[s], b.frames[s], cv::NORM_INF), 0);
 }
 
+// A compiler that makes two draws the other way round makes other clips.
+TEST(AugmentTest, ASeedsChangesAreTheSameEverywhere) {
+  AugmentOptions options;
+  options.size = {56, 40};
+  cv::Point2d cropped, drifted;
+  int erased = 0;
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    Rng crop(seed), drift(seed), erase(seed);
+    Sample clip = TwoObjectClip();
+    CropOrScale(options.size, crop, clip);
+    cropped += cv::Point2d(clip.Position(0, 0));
+    clip = TwoObjectClip();
+    DriftingCrop(options, drift, clip);
+    drifted += cv::Point2d(clip.Position(3, 0));
+    clip = TwoObjectClip();
+    EraseRectangles(erase, clip);
+    erased += cv::countNonZero(clip.masks[3] == 0);
+  }
+  EXPECT_NEAR(cropped.x, 150.8125, 1e-3);
+  EXPECT_NEAR(cropped.y, 133.75, 1e-3);
+  EXPECT_NEAR(drifted.x, 552.21875, 1e-3);
+  EXPECT_NEAR(drifted.y, 288.09375, 1e-3);
+  EXPECT_EQ(erased, 2882);
+}
+
 TEST(AugmentTest, OptionsOutsideTheirRangesAreRefused) {
   AugmentOptions options;
   EXPECT_THAT(options.Validate(), IsOk());

@@ -32,9 +32,9 @@ cv::Mat RandomPart(const cv::Mat& picture, cv::Size size, double zoom, Rng& rng)
   const double scale = std::min(fit, rng.Uniform(0.7, zoom));
   const int width = std::max(1, static_cast<int>(size.width * scale));
   const int height = std::max(1, static_cast<int>(size.height * scale));
-  const cv::Rect part(static_cast<int>(rng.Below(picture.cols - width + 1)),
-                      static_cast<int>(rng.Below(picture.rows - height + 1)), width, height);
-  return Resized(picture(part), size);
+  const int y = static_cast<int>(rng.Below(picture.rows - height + 1));
+  const int x = static_cast<int>(rng.Below(picture.cols - width + 1));
+  return Resized(picture(cv::Rect(x, y, width, height)), size);
 }
 
 // Semi-transparent insides become solid, so that a point on them has one owner; edges stay soft.

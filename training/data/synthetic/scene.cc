@@ -89,7 +89,8 @@ class SceneMaker {
 
 // From 0 straight to up to 'extent' to either side, and in some cases back again.
 Curve SceneMaker::Travel(double extent) {
-  const double end = extent * strength_ * Draw(mix::kTravelled, rng_) * (rng_.Chance(0.5) ? 1 : -1);
+  const double way = extent * strength_ * Draw(mix::kTravelled, rng_);
+  const double end = rng_.Chance(0.5) ? way : -way;
   if (rng_.Chance(mix::kThereAndBack)) return Curve({0, end, 0}, duration_);
   return Curve({0, end}, duration_);
 }
@@ -153,7 +154,8 @@ void SceneMaker::MakeCamera() {
   }
   scene_.camera = Move(kind->wander, kind->travel);
   if (rng_.Chance(mix::kJoltedCamera)) {
-    Shake(scene_.camera, rng_.Uniform(0, mix::kJolt) * SmallerSide() * strength_, Draw(mix::kJoltLength, rng_));
+    const double length = Draw(mix::kJoltLength, rng_);
+    Shake(scene_.camera, rng_.Uniform(0, mix::kJolt) * SmallerSide() * strength_, length);
   } else if (rng_.Chance(mix::kTremblingCamera)) {
     Shake(scene_.camera, rng_.Uniform(0, mix::kTremble) * speed_, 1);
   }

@@ -40,7 +40,8 @@ cv::Mat StripesField(cv::Size size, Rng& rng) {
   const float kx = static_cast<float>(2 * kPi / length * std::cos(angle));
   const float ky = static_cast<float>(2 * kPi / length * std::sin(angle));
   const bool checks = rng.Chance(0.4);
-  cv::Mat bend = NoiseOctave(size, rng.Uniform(30, 90), rng) * rng.Uniform(0, 4);
+  const double depth = rng.Uniform(0, 4);
+  cv::Mat bend = NoiseOctave(size, rng.Uniform(30, 90), rng) * depth;
   for (int y = 0; y < size.height; ++y) {
     float* row = bend.ptr<float>(y);
     for (int x = 0; x < size.width; ++x) {
@@ -56,7 +57,8 @@ cv::Mat CellsField(cv::Size size, Rng& rng) {
   const double pitch = rng.Uniform(12, 50);
   const int count = std::max(4, static_cast<int>(size.area() / (pitch * pitch)));
   for (int i = 0; i < count; ++i) {
-    seeds.at<uint8_t>(static_cast<int>(rng.Below(size.height)), static_cast<int>(rng.Below(size.width))) = 0;
+    const int x = static_cast<int>(rng.Below(size.width)), y = static_cast<int>(rng.Below(size.height));
+    seeds.at<uint8_t>(y, x) = 0;
   }
   cv::distanceTransform(seeds, distance, labels, cv::DIST_L2, cv::DIST_MASK_5, cv::DIST_LABEL_PIXEL);
   std::vector<float> values(static_cast<size_t>(count) + 1);
@@ -109,10 +111,10 @@ cv::Mat Colour(const cv::Mat& field, Rng& rng) {
 }
 
 void ScatterShape(cv::Mat& picture, Rng& rng) {
-  const cv::Point at(static_cast<int>(rng.Below(picture.cols)), static_cast<int>(rng.Below(picture.rows)));
+  const int y = static_cast<int>(rng.Below(picture.rows)), x = static_cast<int>(rng.Below(picture.cols));
   const int reach = std::max(3, static_cast<int>(rng.Uniform(0.02, 0.12) * std::max(picture.cols, picture.rows)));
-  const cv::Point to =
-      at + cv::Point(static_cast<int>(rng.Integer(-reach, reach)), static_cast<int>(rng.Integer(-reach, reach)));
+  const int down = static_cast<int>(rng.Integer(-reach, reach)), right = static_cast<int>(rng.Integer(-reach, reach));
+  const cv::Point at(x, y), to(x + right, y + down);
   const cv::Scalar colour = RandomColour(rng);
   switch (rng.Below(4)) {
     case 0:
@@ -193,11 +195,11 @@ cv::Mat Blurred(const cv::Mat& picture, int cell) {
 // One tile of 'picture' over and over, mirrored or not.
 cv::Mat Repeated(const cv::Mat& picture, cv::Size tile, Rng& rng) {
   tile = {std::min(tile.width, picture.cols), std::min(tile.height, picture.rows)};
-  const cv::Point corner(static_cast<int>(rng.Below(picture.cols - tile.width + 1)),
-                         static_cast<int>(rng.Below(picture.rows - tile.height + 1)));
+  const int y = static_cast<int>(rng.Below(picture.rows - tile.height + 1));
+  const int x = static_cast<int>(rng.Below(picture.cols - tile.width + 1));
   const int border = rng.Chance(0.5) ? cv::BORDER_REFLECT : cv::BORDER_WRAP;
   cv::Mat out;
-  cv::copyMakeBorder(picture(cv::Rect(corner, tile)).clone(), out, 0, picture.rows - tile.height, 0,
+  cv::copyMakeBorder(picture(cv::Rect({x, y}, tile)).clone(), out, 0, picture.rows - tile.height, 0,
                      picture.cols - tile.width, border);
   return out;
 }
@@ -241,7 +243,8 @@ cv::Mat CutOutMask(cv::Size size, Rng& rng) {
 
 cv::Mat CoverMask(cv::Size size, double cover, Rng& rng) {
   cv::Mat field = NoiseOctave(size, rng.Uniform(0.08, 0.4) * size.width, rng);
-  cv::scaleAdd(NoiseOctave(size, rng.Uniform(8, 30), rng), rng.Uniform(0, 0.5), field, field);
+  const double detail = rng.Uniform(0, 0.5);
+  cv::scaleAdd(NoiseOctave(size, rng.Uniform(8, 30), rng), detail, field, field);
   const float slope = static_cast<float>(rng.Chance(0.5) ? rng.Uniform(1, 4) / size.height : 0);  // hills: more below
   for (int y = 0; y < size.height; ++y) field.row(y) += cv::Scalar(slope * static_cast<float>(y));
   cv::Mat sorted = field.clone().reshape(1, 1);

@@ -145,6 +145,22 @@ TEST(SceneTest, IdsCountTheLayersFromTheBackground) {
   }
 }
 
+// A compiler that makes two draws the other way round makes other scenes.
+TEST(SceneTest, ASeedsScenesAreTheSameEverywhere) {
+  double camera = 0, places = 0, colours = 0;
+  for (size_t i = 0; i < 60; ++i) {
+    const Scene scene = RandomSceneOf(i);
+    camera += scene.camera.At(9)(0, 2);
+    for (const Layer& layer : scene.layers) {
+      places += layer.motion.At(5)(0, 2) + 2 * layer.motion.At(5)(1, 2);
+      colours += cv::mean(layer.texture)[0] / static_cast<double>(scene.layers.size());
+    }
+  }
+  EXPECT_NEAR(camera, 3778.485, 1e-3);
+  EXPECT_NEAR(places, 87534.257, 1e-3);
+  EXPECT_NEAR(colours, 3376.6, 2);
+}
+
 TEST(SceneTest, WithoutMotionNothingMoves) {
   for (size_t i = 0; i < 60; ++i) {
     SyntheticOptions options = Small();
