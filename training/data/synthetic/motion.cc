@@ -81,4 +81,21 @@ cv::Point2d PlaneMap::PlaneFromImage(cv::Point2d image) const {
   return plane;
 }
 
+double PlaneMap::InverseBend(cv::Point2d image) const {
+  const cv::Matx33d& h = plane_from_image_;
+  const cv::Point2d plane = Apply(h, image);
+  const double w = h(2, 0) * image.x + h(2, 1) * image.y + h(2, 2);
+  const cv::Point2d along_x((h(0, 0) - plane.x * h(2, 0)) / w, (h(1, 0) - plane.y * h(2, 0)) / w);
+  const cv::Point2d along_y((h(0, 1) - plane.x * h(2, 1)) / w, (h(1, 1) - plane.y * h(2, 1)) / w);
+  double bend = 0, squeeze = 0;
+  for (const ElasticWaves::Wave& wave : waves_) {
+    const double across_x = std::pow(wave.wave.dot(along_x), 4), across_y = std::pow(wave.wave.dot(along_y), 4);
+    bend += cv::norm(wave.direction) * (across_x + across_y);
+    squeeze += std::abs(wave.direction.dot(wave.wave));
+  }
+  // Where the forward map squeezes, the inverse is steeper, and its derivatives all the more.
+  const double plane_pixels = std::sqrt(std::abs(along_x.cross(along_y)));  // for one of the image
+  return bend / plane_pixels / std::pow(1 - squeeze, 5);
+}
+
 }  // namespace holdfast

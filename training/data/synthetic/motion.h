@@ -62,6 +62,9 @@ class PlaneMap {
 
   cv::Point2d ImageFromPlane(cv::Point2d plane) const;
   cv::Point2d PlaneFromImage(cv::Point2d image) const;
+  // What the fourth derivatives of PlaneFromImage along the two axes come to at worst about 'image', as pixels of the
+  // image: how badly it is interpolated. 0: nothing bends.
+  double InverseBend(cv::Point2d image) const;
 
  private:
   cv::Point2d Displacement(cv::Point2d plane) const;

@@ -2,72 +2,12 @@
 #include "training/data/synthetic/renderer.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <opencv2/imgproc.hpp>
-#include <vector>
+
+#include "training/data/synthetic/inverse_map.h"
 
 namespace holdfast {
 namespace {
-
-constexpr int kCell = 8;  // pixels between the places where the inverse map is solved
-constexpr int kTaps = 4;
-using Weights = std::array<std::array<float, kCell>, kTaps>;
-
-// Cubic Lagrange interpolation between nodes -1, 0, 1, 2 at the kCell places of [0, 1). The maps bend so slowly that
-// its error is a few thousandths of a pixel.
-Weights CubicWeights() {
-  Weights weights;
-  for (size_t p = 0; p < kCell; ++p) {
-    const float u = static_cast<float>(p) / kCell;
-    weights[0][p] = -u * (u - 1) * (u - 2) / 6;
-    weights[1][p] = (u + 1) * (u - 1) * (u - 2) / 2;
-    weights[2][p] = -(u + 1) * u * (u - 2) / 2;
-    weights[3][p] = (u + 1) * u * (u - 1) / 6;
-  }
-  return weights;
-}
-
-// nodes: [rows / kCell + kTaps - 1, columns / kCell + kTaps - 1] -> map: [rows, columns], both multiples of kCell.
-void Refine(const cv::Mat& nodes, cv::Mat& map) {
-  static const Weights weights = CubicWeights();
-  std::vector<float> line(static_cast<size_t>(nodes.cols));
-  for (int y = 0; y < map.rows; ++y) {
-    const size_t phase = static_cast<size_t>(y % kCell);
-    for (int i = 0; i < nodes.cols; ++i) {
-      float sum = 0;
-      for (int k = 0; k < kTaps; ++k) sum += weights[static_cast<size_t>(k)][phase] * nodes.at<float>(y / kCell + k, i);
-      line[static_cast<size_t>(i)] = sum;
-    }
-    float* out = map.ptr<float>(y);
-    for (int i = 0; i + kTaps <= nodes.cols; ++i, out += kCell) {
-      const float* from = line.data() + i;
-      for (size_t p = 0; p < kCell; ++p) {
-        out[p] = weights[0][p] * from[0] + weights[1][p] * from[1] + weights[2][p] * from[2] + weights[3][p] * from[3];
-      }
-    }
-  }
-}
-
-int RoundUp(int length) { return (length + kCell - 1) / kCell * kCell; }
-
-// Texture coordinates of every pixel of 'area' (and of a little more to the right and below).
-void InverseMaps(const PlaneMap& map, cv::Point2d centre, cv::Rect area, cv::Mat& map_x, cv::Mat& map_y) {
-  const int width = RoundUp(area.width), height = RoundUp(area.height);
-  cv::Mat nodes_x(height / kCell + kTaps - 1, width / kCell + kTaps - 1, CV_32FC1), nodes_y(nodes_x.size(), CV_32FC1);
-  for (int j = 0; j < nodes_x.rows; ++j) {
-    for (int i = 0; i < nodes_x.cols; ++i) {
-      const cv::Point2d image(area.x + kCell * (i - 1), area.y + kCell * (j - 1));
-      const cv::Point2d texture = map.PlaneFromImage(image) + centre;
-      nodes_x.at<float>(j, i) = static_cast<float>(texture.x);
-      nodes_y.at<float>(j, i) = static_cast<float>(texture.y);
-    }
-  }
-  map_x.create(height, width, CV_32FC1);
-  map_y.create(height, width, CV_32FC1);
-  Refine(nodes_x, map_x);
-  Refine(nodes_y, map_y);
-}
 
 // The part of the frame the layer can reach, from where its outline goes.
 cv::Rect Reach(const Layer& layer, const PlaneMap& map, cv::Size frame) {

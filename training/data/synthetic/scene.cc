@@ -140,7 +140,7 @@ void SceneMaker::Shake(Motion& motion, double amplitude, double length) {
 }
 
 void SceneMaker::Bend(Layer& layer, double probability, double size) {
-  constexpr double kLeastSize = 60;  // pixels; shorter waves would fall between the nodes of the renderer's grid
+  constexpr double kLeastSize = 60;  // pixels of the texture; shorter waves would be ripples
   if (!rng_.Chance(probability)) return;
   layer.elastic = ElasticWaves::Random(rng_, rng_.Uniform(0.1, 0.45) * speed_, std::max(kLeastSize, size));
 }
