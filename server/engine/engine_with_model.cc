@@ -211,13 +211,18 @@ class EngineImpl final : public Engine {
 
   // Checkpoints of the session, and where it goes on.
   absl::Status Prepare(const std::optional<SessionState>& state, Session::Options& options) const {
+    if (state) {
+      if (absl::Status status = CheckState(*state, options.windows, model_->info().channels); !status.ok())
+        return status;
+      // Nothing is forgotten before all of them are there again.
+      options.max_cached_frames = std::max(options.max_cached_frames, FramesToReplay(*state));
+    }
     if (options.sealer != nullptr) {
       options.accepted.replay_frames = static_cast<int>(Session::ReplayFrames(options));
     } else {
       options.accepted.checkpoint_interval_frames = 0;
     }
     if (!state) return absl::OkStatus();
-    if (absl::Status status = CheckState(*state, options.windows, model_->info().channels); !status.ok()) return status;
     options.inbox.resumed = ResumedInbox(*state);
     const int64_t points = static_cast<int64_t>(options.inbox.resumed->ids.size());
     return CheckPointCount(points, options.inbox.limits.max_points);

@@ -13,6 +13,9 @@
 namespace holdfast {
 namespace {
 
+// More than any session holds, and few enough for products with the bytes of a frame to fit into 64 bits.
+constexpr int64_t kMaxFramesToReplay = int64_t{1} << 17;
+
 absl::Status Mismatch(absl::string_view what, absl::string_view token, absl::string_view here) {
   return absl::FailedPreconditionError(
       absl::StrCat("config.resume_token: made with ", what, " ", token, ", this session has ", here));
@@ -112,6 +115,7 @@ absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const S
 absl::Status CheckState(const SessionState& state, const WindowOptions& windows, int channels) {
   if (state.frame_size.width < 1 || state.frame_size.height < 1) return Impossible("it has no size of frames");
   if (state.next_frame < 0 || state.taken_frame < state.next_frame) return Impossible("its frames are in disorder");
+  if (FramesToReplay(state) > kMaxFramesToReplay) return Impossible("it wants too many frames again");
   if (windows.revise_last) return Impossible("this server's chaining of windows has no checkpoints");
   absl::flat_hash_set<uint64_t> serials;
   absl::flat_hash_set<PointId> live;
@@ -128,6 +132,8 @@ absl::Status CheckState(const SessionState& state, const WindowOptions& windows,
   }
   return absl::OkStatus();
 }
+
+int64_t FramesToReplay(const SessionState& state) { return state.taken_frame - state.next_frame + 1; }
 
 SessionInbox::Options::Resumed ResumedInbox(const SessionState& state) {
   SessionInbox::Options::Resumed resumed;

@@ -2,6 +2,8 @@
 // How a session goes on with the state of another one.
 #pragma once
 
+#include <cstdint>
+
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "api/types.h"
@@ -22,6 +24,10 @@ absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const S
 // says what is impossible about it. What a sealer has sealed is always possible: this keeps a leaked key from being a
 // way into the process's memory.
 absl::Status CheckState(const SessionState& state, const WindowOptions& windows, int channels);
+
+// The frames that come again before there is a new one. The session that the state was taken from held as many, which
+// may be more than a session of this server holds otherwise. REQUIRES: CheckState is OK.
+int64_t FramesToReplay(const SessionState& state);
 
 SessionInbox::Options::Resumed ResumedInbox(const SessionState& state);
 

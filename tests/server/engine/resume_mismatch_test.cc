@@ -91,6 +91,8 @@ TEST_F(MismatchTest, ImpossibleStatesAreRefused) {
       [](SessionState& s) { s.frame_size = {}; },
       [](SessionState& s) { s.next_frame = -1; },
       [](SessionState& s) { s.taken_frame = s.next_frame - 1; },
+      [](SessionState& s) { s.taken_frame = s.next_frame + (1 << 20); },
+      [](SessionState& s) { s.taken_frame = kFar - 1; },
       [](SessionState& s) {
         s.next_frame += 30;
         s.taken_frame += 30;

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <memory>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -133,6 +134,63 @@ TEST_F(ResumeTest, ACheckpointLiesNoFurtherBehindThanWasSaid) {
       kept_from = listener.checkpoints().back().next_frame;
     }
   }
+}
+
+class FarBehindTest : public ResumeTest {
+ protected:
+  // A session with as many frames in its cache as a server with room for more of them lets in before it refines the
+  // first window, suspended.
+  void SuspendFarBehind(const SessionConfig& config, RecordingListener& listener) {
+    constexpr int64_t kPending = 32, kSaid = 24 + kPending;
+    EngineOptions options = options_;
+    options.max_pending_frames = kPending;
+    options.max_batch_frames = kSaid;
+    options.max_batch_rows = 1;
+    RecordingMetrics metrics;
+    Gate gate;
+    int refined = 0;
+    auto model = std::make_unique<FakeTrackerModel>();
+    model->keep_starts = model_->keep_starts;
+    model->step = model_->step;
+    model->before_refine = [&](absl::Span<const WindowGroup>) {
+      if (++refined == 1) {
+        metrics.AwaitStage(Stage::kDecode, kSaid);  // the next turn encodes them all
+      } else {
+        gate.Pass();
+      }
+    };
+    auto engine = CreateEngineWithModel(options, std::move(model), clock_, metrics);
+    ASSERT_THAT(engine, IsOk());
+    auto session = (*engine)->OpenSession(config, listener);
+    ASSERT_THAT(session, IsOk());
+    Say(**session, listener, 0, kSaid);
+    gate.AwaitWaiting();
+    (*session)->Suspend(absl::UnavailableError("going away"));
+    gate.Open();
+    EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
+  }
+};
+
+// The frames that come again are more than a session of this server holds otherwise.
+TEST_F(FarBehindTest, AServerThatHoldsFewerFramesTakesUpASessionThatWasFarBehind) {
+  SessionConfig config = MakeConfig();
+  config.send_provisional = false;
+  RecordingListener first, second;
+  SuspendFarBehind(config, first);
+  const SessionState state = *sealer_.Unseal(first.checkpoints().back().token);
+  const int64_t again = state.taken_frame - state.next_frame + 1;
+  ASSERT_GT(again, 24 + 2 * 8 + options_.max_pending_frames);
+  const Tracks expected = Uninterrupted(config);
+  SessionConfig resumed = config;
+  resumed.resume_token = first.checkpoints().back().token;
+  auto session = Open(resumed, second);
+  ASSERT_GE(session->accepted().replay_frames, again) << "else it waits for ever";
+  Say(*session, second, state.next_frame, kFrames);
+  session->Finish();
+  EXPECT_THAT(second.AwaitDone(), IsOk());
+  Tracks tracks = FinalsOf(first);
+  Merge(FinalsOf(second), tracks);
+  EXPECT_EQ(Difference(tracks, expected), "");
 }
 
 TEST_F(ResumeTest, ChecksTheIndexOfTheFirstFrame) {
