@@ -184,7 +184,7 @@ void SessionFlow::SeedLocked(const PointOp& op) {
     uncut_.push_back(entry.patch);
   }
   entries_.emplace(op.serial, std::move(entry));
-  alive_[op.query.id] = op.serial;
+  newest_[op.query.id] = op.serial;
 }
 
 void SessionFlow::StartAt(int64_t frame) {
@@ -200,17 +200,14 @@ void SessionFlow::Restore(Restored point) {
   if (!point.ending) return;
   entry.last_frame = point.last_frame;
   entry.stop = point.stop;
-  alive_.erase(point.seed.query.id);
 }
 
 void SessionFlow::EndLocked(PointId id, int64_t last_frame, int64_t stop) {
-  const auto found = alive_.find(id);
-  if (found == alive_.end()) return;
-  if (const auto entry = entries_.find(found->second); entry != entries_.end()) {
-    entry->second.last_frame = last_frame;
-    entry->second.stop = stop;
-  }
-  alive_.erase(found);
+  const auto found = newest_.find(id);
+  if (found == newest_.end()) return;
+  Entry& entry = entries_.at(found->second);
+  entry.last_frame = std::min(entry.last_frame, last_frame);
+  entry.stop = std::min(entry.stop, stop);
 }
 
 void SessionFlow::Rebase(absl::Span<const Base> bases) {
@@ -274,7 +271,11 @@ std::vector<FlowPyramidPtr> SessionFlow::Pyramids(int64_t first, int64_t last) c
 
 void SessionFlow::Drop(uint64_t serial) {
   absl::MutexLock lock(&mutex_);
-  entries_.erase(serial);
+  const auto found = entries_.find(serial);
+  if (found == entries_.end()) return;
+  const auto newest = newest_.find(found->second.query.id);
+  if (newest != newest_.end() && newest->second == serial) newest_.erase(newest);
+  entries_.erase(found);
 }
 
 void SessionFlow::EvictBefore(int64_t frame) {
@@ -288,7 +289,7 @@ void SessionFlow::Close() {
   pyramids_.clear();
   entries_.clear();
   uncut_.clear();
-  alive_.clear();
+  newest_.clear();
 }
 
 int64_t SessionFlow::oldest() const {

@@ -156,6 +156,7 @@ class SessionFlow {
 
   void CutPatches() ABSL_LOCKS_EXCLUDED(mutex_);
   void SeedLocked(const PointOp& op) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The newest entry of the id; an end that it has already holds where it is earlier.
   void EndLocked(PointId id, int64_t last_frame, int64_t stop) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Work NextWorkLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool CanGrowLocked(const Entry& entry, const Chain& chain) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -173,7 +174,7 @@ class SessionFlow {
   int64_t oldest_ ABSL_GUARDED_BY(mutex_) = 0;
   int64_t without_gap_ ABSL_GUARDED_BY(mutex_) = 0;  // frames before this one have come
   absl::btree_map<uint64_t, Entry> entries_ ABSL_GUARDED_BY(mutex_);
-  absl::flat_hash_map<PointId, uint64_t> alive_ ABSL_GUARDED_BY(mutex_);  // the entries that were not ended
+  absl::flat_hash_map<PointId, uint64_t> newest_ ABSL_GUARDED_BY(mutex_);  // of each id the entry seeded last
   std::vector<std::shared_ptr<QueryPatch>> uncut_ ABSL_GUARDED_BY(mutex_);
   bool stepping_ ABSL_GUARDED_BY(mutex_) = false;
   bool news_ ABSL_GUARDED_BY(mutex_) = false;

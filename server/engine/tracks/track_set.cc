@@ -12,13 +12,13 @@ void TrackSet::Seed(PointSeed seed) {
   const PointId id = seed.query.id;
   EndTrack(id, /*last_frame=*/seed.frame, /*stop=*/seed.frame);
   tracks_.push_back(std::make_unique<PointTrack>(std::move(seed), windows_, rule_));
-  live_[id] = tracks_.back().get();
+  newest_[id] = tracks_.back().get();
 }
 
 const PointTrack& TrackSet::Restore(TrackState state) {
   tracks_.push_back(std::make_unique<PointTrack>(std::move(state), windows_, rule_, geometry_));
   PointTrack& track = *tracks_.back();
-  if (!track.ending()) live_[track.id()] = &track;
+  newest_[track.id()] = &track;
   return track;
 }
 
@@ -32,15 +32,14 @@ bool TrackSet::Stop(PointId id, int64_t query_frame, int64_t stop) {
   const bool lived = !(*found)->ending();
   // Before the last frame of any window to come, and before any that the caller may yet speak of.
   (*found)->End(/*last_frame=*/query_frame, stop);
-  if (lived) live_.erase(id);
   return lived;
 }
 
 void TrackSet::EndTrack(PointId id, int64_t last_frame, int64_t stop) {
-  const auto it = live_.find(id);
-  if (it == live_.end()) return;
-  it->second->End(last_frame, stop);
-  live_.erase(it);
+  const auto it = newest_.find(id);
+  if (it == newest_.end()) return;
+  const TrackState::Ending before = it->second->ending_at();
+  it->second->End(std::min(last_frame, before.last_frame), std::min(stop, before.stop));
 }
 
 template <typename Visit>
@@ -114,7 +113,7 @@ int64_t TrackSet::oldest_for_polish() const {
 }
 
 std::vector<PointRun> TrackSet::TakeEnded() {
-  if (static_cast<size_t>(tracks()) == live_.size()) return {};
+  if (std::none_of(tracks_.begin(), tracks_.end(), [](const auto& track) { return track->ending(); })) return {};
   std::vector<PointRun> runs;
   absl::flat_hash_set<PointId> waiting;
   const auto ended = [&](const std::unique_ptr<PointTrack>& track) {
@@ -136,6 +135,7 @@ std::vector<PointRun> TrackSet::TakeEnded() {
   for (auto& track : tracks_) {
     if (ended(track)) {
       dropped_.push_back({track->serial(), track->id(), track->seed().frame});
+      if (const auto it = newest_.find(track->id()); it->second == track.get()) newest_.erase(it);
     } else {
       kept.push_back(std::move(track));
     }
@@ -160,7 +160,7 @@ std::vector<PointRun> TrackSet::FinishAll() {
 
 int64_t TrackSet::Clear() {
   const int64_t dropped = tracks();
-  live_.clear();
+  newest_.clear();
   tracks_.clear();
   cache_.Clear();
   return dropped;

@@ -46,7 +46,8 @@ class TrackSet {
   const std::vector<std::unique_ptr<PointTrack>>& all() const { return tracks_; }
 
   void AddFrame(FrameFeaturesPtr features) { cache_.Push(std::move(features)); }
-  // A track of this id ends before the seed's frame. REQUIRES: the seed's frame is in the cache.
+  // A track of this id ends before the seed's frame, one that was removed at that very frame too. REQUIRES: the seed's
+  // frame is in the cache.
   void Seed(PointSeed seed);
   // The id's track ends after 'frame'. Unknown ids are ignored.
   void Remove(PointId id, int64_t frame);
@@ -95,6 +96,7 @@ class TrackSet {
   int64_t reported_before() const;
 
  private:
+  // The newest track of the id; an end that it has already holds where it is earlier.
   void EndTrack(PointId id, int64_t last_frame, int64_t stop);
   // Calls 'visit' for each row that is due until it returns false.
   template <typename Visit>
@@ -105,8 +107,8 @@ class TrackSet {
   const ConfidenceRule rule_;
   FrameGeometry geometry_;
   FeatureCache cache_;
-  std::vector<std::unique_ptr<PointTrack>> tracks_;  // in the order they were seeded
-  absl::flat_hash_map<PointId, PointTrack*> live_;   // the tracks that have not been ended
+  std::vector<std::unique_ptr<PointTrack>> tracks_;   // in the order they were seeded
+  absl::flat_hash_map<PointId, PointTrack*> newest_;  // of each id the track that was seeded last
   std::vector<Dropped> dropped_;
 };
 

@@ -4,7 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdint>
 #include <map>
+#include <numeric>
 #include <vector>
 
 #include "tests/server/engine/tracks/track_set_harness.h"
@@ -150,6 +152,45 @@ TEST(TrackSetTest, ReSeedingOnTheVeryFrameOfTheQueryReportsOnlyTheNewTrack) {
   harness.Finish();
   ASSERT_THAT(harness.runs(), SizeIs(1));
   EXPECT_THAT(harness.runs()[0].x, ElementsAre(320.0f));
+}
+
+// In the order in which they were reported.
+std::vector<int64_t> FinalFrames(const std::vector<PointRun>& runs) {
+  std::vector<int64_t> finals;
+  for (const PointRun& run : runs) {
+    for (int64_t i = 0; i < run.final_count; ++i) finals.push_back(run.first_frame + i);
+  }
+  return finals;
+}
+
+TEST(TrackSetTest, AFrameAtWhichAPointIsRemovedAndAddedAgainIsTheNewTracks) {
+  TrackSetHarness harness({24, 8});
+  harness.Frame();
+  harness.Seed(1, 160);
+  for (int i = 1; i < 24; ++i) harness.Frame();  // the window that ends here has an estimate of this very frame
+  harness.tracks().Remove(1, 23);
+  harness.Seed(1, 320);
+  harness.FramesAndRun(8);
+  harness.Finish();
+  std::vector<int64_t> each_once(32);
+  std::iota(each_once.begin(), each_once.end(), 0);
+  EXPECT_EQ(FinalFrames(harness.runs()), each_once);
+  EXPECT_EQ(FinalX(harness.runs(), 1).at(23), 320.0f);
+}
+
+TEST(TrackSetTest, ARemovalHoldsThoughTheIdIsUsedAgainLater) {
+  TrackSetHarness harness({24, 8});
+  harness.Frame();
+  harness.Seed(1, 160);
+  for (int i = 1; i < 30; ++i) harness.Frame();
+  harness.tracks().Remove(1, 25);
+  for (int i = 30; i < 40; ++i) harness.Frame();
+  harness.Seed(1, 320);
+  harness.Finish();
+  std::vector<int64_t> expected(24);  // the window up to frame 31 is not the removed track's
+  std::iota(expected.begin(), expected.end(), 0);
+  expected.push_back(39);
+  EXPECT_EQ(FinalFrames(harness.runs()), expected);
 }
 
 TEST(TrackSetTest, OutsideTheFrameAPointIsNotVisible) {
