@@ -36,7 +36,10 @@ namespace holdfast {
 
 // kBase is what every processor of the architecture has: SSE2, or NEON.
 enum class InstructionSet { kBase, kAvx2, kAvx512 };
-// The best that the processor has and oneDNN's variable DNNL_MAX_CPU_ISA, read once, allows.
+// The best that values of oneDNN's environment variables ONEDNN_MAX_CPU_ISA and DNNL_MAX_CPU_ISA allow, or null where
+// one is not set: as in oneDNN, the first one counts unless it is empty, and letters may be small.
+InstructionSet AllowedInstructionSet(const char* onednn, const char* dnnl);
+// The best that the processor has and those variables, read once, allow.
 InstructionSet KernelInstructionSet();
 
 // The upper half of a float32, as bfloat16 tensors store it.

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <utility>
 #include <vector>
 
 #include "model/kernels/attention.h"
@@ -48,6 +49,27 @@ void ExpectNear(const Floats& got, const std::vector<double>& want, double toler
     worst = std::max(worst, std::abs(got[i] - want[i]));
   }
   EXPECT_LE(worst, tolerance);
+}
+
+TEST(KernelsTest, OneDnnsVariablesAllowTheKernelsWhatTheyAllowOneDnn) {
+  constexpr InstructionSet kBase = InstructionSet::kBase, kAvx2 = InstructionSet::kAvx2, kAll = InstructionSet::kAvx512;
+  EXPECT_EQ(AllowedInstructionSet(nullptr, nullptr), kAll);
+  for (const auto& [value, allowed] : {std::pair{"SSE41", kBase},
+                                       {"sse41", kBase},
+                                       {"AVX", kBase},
+                                       {"AVX2", kAvx2},
+                                       {"Avx2", kAvx2},
+                                       {"avx2_vnni", kAvx2},
+                                       {"AVX512_CORE", kAll},
+                                       {"ALL", kAll},
+                                       {"nonsense", kAll},
+                                       {"", kAll}}) {
+    EXPECT_EQ(AllowedInstructionSet(value, nullptr), allowed) << value;
+    EXPECT_EQ(AllowedInstructionSet(nullptr, value), allowed) << value;
+    EXPECT_EQ(AllowedInstructionSet("", value), allowed) << value;
+  }
+  EXPECT_EQ(AllowedInstructionSet("ALL", "SSE41"), kAll) << "the first one counts";
+  EXPECT_EQ(AllowedInstructionSet("AVX2", "SSE41"), kAvx2);
 }
 
 TEST(KernelsTest, AttendToTheNeighboursOfAPatch) {
