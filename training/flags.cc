@@ -11,6 +11,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
 #include "api/image_size.h"
+#include "model/device.h"
 #include "model/presets.h"
 #include "training/recipe.h"
 
@@ -217,12 +218,9 @@ absl::StatusOr<TrainRequest> TrainRequestFromFlags() {
   if (!recipe.ok()) return recipe.status();
   request.network = *std::move(network);
   request.trainer.recipe = *std::move(recipe);
-  try {
-    request.trainer.device = torch::Device(absl::GetFlag(FLAGS_device));
-  } catch (const c10::Error&) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("--device: LibTorch does not know \"", absl::GetFlag(FLAGS_device), "\""));
-  }
+  const absl::StatusOr<torch::Device> device = OpenDevice(absl::GetFlag(FLAGS_device));
+  if (!device.ok()) return absl::InvalidArgumentError(absl::StrCat("--device: ", device.status().message()));
+  request.trainer.device = *device;
   DataFromFlags(request);
   RunFromFlags(request);
   const absl::Status status = CheckRun(request);

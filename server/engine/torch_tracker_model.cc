@@ -14,6 +14,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "model/device.h"
 #include "model/ops/sampling.h"
 #include "model/precision.h"
 #include "model/precision_check.h"
@@ -268,16 +269,6 @@ RgbImage PictureOf(ImageSize size) {
   return {size, {pixels, pixels + picture.numel()}};
 }
 
-absl::StatusOr<torch::Device> ParseDevice(const std::string& name) {
-  try {
-    const torch::Device device(name);
-    torch::empty({1}, device);
-    return device;
-  } catch (const std::exception&) {
-    return absl::InvalidArgumentError(absl::StrCat("there is no device '", name, "'"));
-  }
-}
-
 // Both networks when there is a choice to be made at each size, else the one that was asked for.
 std::unique_ptr<PrecisionSwitch> MakeSwitch(PointModel model, Precision precision, const torch::Device& device,
                                             EngineMetrics& metrics) {
@@ -296,7 +287,7 @@ std::unique_ptr<PrecisionSwitch> MakeSwitch(PointModel model, Precision precisio
 
 absl::StatusOr<std::unique_ptr<TrackerModel>> MakeTorchTrackerModel(LoadedModel loaded, const EngineOptions& options,
                                                                     const Clock& clock, EngineMetrics& metrics) {
-  const absl::StatusOr<torch::Device> device = ParseDevice(options.device);
+  const absl::StatusOr<torch::Device> device = OpenDevice(options.device);
   if (!device.ok()) return device.status();
   ModelInfo info;
   info.name = std::move(loaded.name);

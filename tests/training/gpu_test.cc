@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "api/clock.h"
+#include "model/device.h"
 #include "model/ops/feature_pyramid.h"
 #include "model/presets.h"
 #include "tests/support/status_matchers.h"
@@ -41,8 +42,7 @@ class GpuTest : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!torch::cuda::is_available()) GTEST_SKIP() << "LibTorch sees no GPU";
-    at::globalContext().setAllowTF32CuDNN(false);  // nineteen bits instead of thirty-two
-    at::globalContext().setAllowTF32CuBLAS(false);
+    ASSERT_THAT(OpenDevice("cuda"), IsOk());
     torch::manual_seed(3);
     cpu_ = PointModel(*PresetByName("small"));
     gpu_ = PointModel(*PresetByName("small"));
