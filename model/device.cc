@@ -2,6 +2,8 @@
 #include "model/device.h"
 
 #include <ATen/Context.h>
+#include <c10/core/Stream.h>
+#include <c10/core/impl/VirtualGuardImpl.h>
 #include <torch/types.h>
 
 #include <exception>
@@ -21,6 +23,12 @@ absl::StatusOr<c10::Device> OpenDevice(const std::string& name) {
   } catch (const std::exception&) {
     return absl::InvalidArgumentError(absl::StrCat("there is no device '", name, "'"));
   }
+}
+
+void AwaitDevice(const c10::Device& device) {
+  if (device.is_cpu()) return;
+  const c10::impl::VirtualGuardImpl impl(device.type());
+  impl.synchronizeStream(impl.getStream(device));
 }
 
 }  // namespace holdfast

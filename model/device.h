@@ -15,4 +15,7 @@ namespace holdfast {
 // nineteen bits, unless it is told otherwise.
 absl::StatusOr<c10::Device> OpenDevice(const std::string& name);
 
+// Returns when the device has done what this thread has asked of it, which a GPU does later.
+void AwaitDevice(const c10::Device& device);
+
 }  // namespace holdfast

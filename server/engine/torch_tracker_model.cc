@@ -215,6 +215,7 @@ class TorchTrackerModel final : public TrackerModel {
           features[begin++] = std::make_shared<TorchFeatures>(std::move(pyramid));
         }
       });
+      AwaitDevice(device_);  // who measures this call, and promises work by it, measures the work
       return features;
     });
   }

@@ -26,5 +26,7 @@ TEST(DeviceTest, Float32IsComputedInFull) {
   EXPECT_FALSE(at::globalContext().allowTF32CuBLAS());
 }
 
+TEST(DeviceTest, TheProcessorIsNotWaitedFor) { AwaitDevice(c10::Device("cpu")); }
+
 }  // namespace
 }  // namespace holdfast
