@@ -55,7 +55,7 @@ ABSL_FLAG(std::string, precision, "auto",
 ABSL_FLAG(
     int, compute_threads, Defaults().engine.compute_threads,
     "Shares what the network does out among this many threads; fewer leave cores to decoding and to neighbours. 0: all "
-    "cores.");
+    "cores that the process may use, by its affinity and its container's quota.");
 ABSL_FLAG(int, decode_threads, Defaults().engine.decode_threads,
           "Decodes frames and computes optical flow on this many threads; of several, one is kept for sessions that "
           "use little.");

@@ -85,7 +85,7 @@ ABSL_FLAG(std::string, device, Defaults().trainer.device.str(),
 ABSL_FLAG(
     int, threads, Defaults().threads,
     "Computes with this many threads, each a clip of the batch (--batch_size) as long as there are clips enough; 0: as "
-    "many as there are cores. Lower it when several processes share a machine.");
+    "many as there are cores that the process may use. Lower it when several processes share a machine.");
 ABSL_FLAG(
     int64_t, checkpoint_every, Defaults().trainer.checkpoint_every,
     "Writes a checkpoint whenever this many more steps are done, which is what a killed process loses at most. 0: at "

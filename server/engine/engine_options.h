@@ -26,7 +26,7 @@ struct EngineOptions {
   // on, and moves tracks by fractions of a pixel. Force float32 to compare results between machines.
   Precision precision = Precision::kAuto;
   // Threads that share a batch of frames or rows, and a single operation where there is too little to share; 0: all
-  // cores. Fewer leave cores to decoding and to neighbours, and make a window take longer.
+  // cores that the process may use. Fewer leave cores to decoding and to neighbours, and make a window take longer.
   int compute_threads = 0;
   // Threads that decode frames and compute optical flow; of several, the last free one is kept for sessions that use
   // little. More help where many cameras send large frames.

@@ -66,7 +66,7 @@ ABSL_FLAG(std::string, precision, "auto",
 ABSL_FLAG(std::string, device, Defaults().methods.engine.device,
           "Runs the network on this device, as LibTorch names it: cpu, cuda, cuda:1.");
 ABSL_FLAG(int, threads, Defaults().methods.engine.compute_threads,
-          "Computes with this many threads; 0: as many as there are cores.");
+          "Computes with this many threads; 0: as many as there are cores that the process may use.");
 
 // On what.
 ABSL_FLAG(std::string, format, Defaults().data.format,
