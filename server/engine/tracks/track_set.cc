@@ -135,7 +135,8 @@ std::vector<PointRun> TrackSet::TakeEnded() {
   for (auto& track : tracks_) {
     if (ended(track)) {
       dropped_.push_back({track->serial(), track->id(), track->seed().frame});
-      if (const auto it = newest_.find(track->id()); it->second == track.get()) newest_.erase(it);
+      const auto newest = newest_.find(track->id());
+      if (newest != newest_.end() && newest->second == track.get()) newest_.erase(newest);
     } else {
       kept.push_back(std::move(track));
     }
