@@ -19,8 +19,8 @@ constexpr double kRigidity = 0.03;        // what deforming costs, in units of t
 constexpr double kLeastCurvature = 1e-5;  // keeps equations solvable where nothing shows motion one way
 
 constexpr int kAlignedSide = 2 * kReach + 1;
-constexpr int kAlignedPixels = kAlignedSide * kAlignedSide;
-constexpr int kLanes = 8;
+constexpr size_t kAlignedPixels = size_t{kAlignedSide} * kAlignedSide;
+constexpr size_t kLanes = 8;
 using Surroundings = std::array<float, (kAlignedPixels + kLanes - 1) / kLanes * kLanes>;  // row by row, then zeros
 
 constexpr int kParameters = 6;  // x, y, and what xx, xy, yx, yy add at the window's edge
@@ -69,7 +69,7 @@ void Add(Surroundings& window, float factor, const Surroundings& other) {
 // Makes the weighted mean 0; what it was.
 float Centre(Surroundings& window) {
   const float mean = Dot(Weights(), window);
-  for (int i = 0; i < kAlignedPixels; ++i) window[i] -= mean;
+  for (size_t i = 0; i < kAlignedPixels; ++i) window[i] -= mean;
   return mean;
 }
 
@@ -88,7 +88,7 @@ float Sample(const GrayView& picture, float x, float y) {
   const int left = std::min(static_cast<int>(x), picture.size.width - 2);
   const int top = std::min(static_cast<int>(y), picture.size.height - 2);
   const float right_part = x - static_cast<float>(left), lower_part = y - static_cast<float>(top);
-  const uint8_t* const upper = picture.pixels + top * picture.stride + left;
+  const uint8_t* const upper = picture.pixels + ptrdiff_t{top} * picture.stride + left;
   const uint8_t* const lower = upper + picture.stride;
   const float above = static_cast<float>(upper[0]) + right_part * static_cast<float>(upper[1] - upper[0]);
   const float below = static_cast<float>(lower[0]) + right_part * static_cast<float>(lower[1] - lower[0]);
@@ -117,7 +117,7 @@ struct Template {
 // What the patch shows, and how it changes along each parameter.
 void Differentiate(const FlowPatch& patch, Template& query) {
   constexpr int kSamples = kAlignedSide + 2;  // a pixel more on all sides
-  std::array<float, kSamples * kSamples> samples;
+  std::array<float, size_t{kSamples} * kSamples> samples;
   for (int y = 0, i = 0; y < kSamples; ++y) {
     for (int x = 0; x < kSamples; ++x, ++i) {
       samples[i] = Sample(patch.view(), patch.at.x + static_cast<float>(x - kReach - 1),
