@@ -69,8 +69,7 @@ void Session::SetFlowGeometry() {
   const auto scale = [this](int flow_side, int processing_side) {
     return static_cast<float>(options_.stride) * static_cast<float>(flow_side) / static_cast<float>(processing_side);
   };
-  flow_->SetGeometry(geometry(),
-                     {scale(flow.width, processing.width), scale(flow.height, processing.height), flow.width});
+  flow_->SetGeometry(geometry(), {scale(flow.width, processing.width), scale(flow.height, processing.height)});
 }
 
 absl::StatusOr<Room> Session::PushFrame(Frame frame) {

@@ -61,7 +61,8 @@ bool SessionFlow::Step() {
   if (work.heads.empty()) return false;
   std::vector<FlowPoint> points;
   for (const Head& head : work.heads) points.push_back(head.at);
-  const std::vector<FlowStep> steps = CarryPoints(*work.from, *work.to, points, ToFlowPixels(kMaxRoundTrip));
+  const std::vector<FlowStep> steps =
+      CarryPoints(*work.from, *work.to, points, FlowPixels(kMaxRoundTrip, work.from->size()));
   absl::MutexLock lock(&mutex_);
   GrowLocked(work, steps);
   return true;

@@ -38,11 +38,10 @@ class SessionFlow {
   };
   explicit SessionFlow(const Options& options) : options_(options) {}
 
-  // Before the first frame. 'scale': pixels of the pyramids a feature pixel; 'width' of the pyramids.
+  // Before the first frame. 'scale': pixels of the pyramids a feature pixel.
   struct Scale {
     float x = 1;
     float y = 1;
-    int width = 512;
   };
   void SetGeometry(const FrameGeometry& geometry, const Scale& scale) ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -106,7 +105,6 @@ class SessionFlow {
   // Once the geometry is set.
   FlowPoint ToFlow(Position position) const { return {position.x * scale_.x, position.y * scale_.y}; }
   Position ToFeatures(FlowPoint point) const { return {point.x / scale_.x, point.y / scale_.y}; }
-  float ToFlowPixels(float of_512) const { return of_512 * static_cast<float>(scale_.width) / 512; }
 
  private:
   struct Chain {

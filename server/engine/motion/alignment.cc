@@ -56,8 +56,9 @@ const Surroundings& Weights() {
 }
 
 Surroundings Weighted(const Surroundings& window) {
+  const Surroundings& weights = Weights();
   Surroundings result;
-  for (size_t i = 0; i < window.size(); ++i) result[i] = window[i] * Weights()[i];
+  for (size_t i = 0; i < window.size(); ++i) result[i] = window[i] * weights[i];
   return result;
 }
 
@@ -66,11 +67,10 @@ void Add(Surroundings& window, float factor, const Surroundings& other) {
   for (size_t i = 0; i < window.size(); ++i) window[i] += factor * other[i];
 }
 
-// Makes the weighted mean 0; what it was.
-float Centre(Surroundings& window) {
+// Makes the weighted mean 0.
+void Centre(Surroundings& window) {
   const float mean = Dot(Weights(), window);
   for (size_t i = 0; i < kAlignedPixels; ++i) window[i] -= mean;
-  return mean;
 }
 
 // Makes the weighted mean 0 and the weighted variance 1; what the standard deviation was.

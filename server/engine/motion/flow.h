@@ -32,6 +32,9 @@ struct GrayView {
 // that has no more pixels than are processed gets the processing size.
 ImageSize FlowSize(ImageSize frame, ImageSize processing);
 
+// Pixels of a picture so wide that are 'of_512' pixels of one that is 512 wide, in which limits are given.
+inline float FlowPixels(float of_512, ImageSize picture) { return of_512 * static_cast<float>(picture.width) / 512; }
+
 struct FlowPoint {  // pixels of the grey picture; (0, 0) is the centre of the first one
   float x = 0;
   float y = 0;

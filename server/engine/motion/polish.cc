@@ -20,8 +20,6 @@ constexpr float kDifference = 30;
 constexpr float kLeastCorrelation = 0.85f;
 constexpr float kQueryMove = 10;
 
-float PixelsOf512(const FlowPyramid& picture) { return static_cast<float>(picture.size().width) / 512; }
-
 // Where a position is on one frame.
 struct Place {
   PolishTrack* track = nullptr;
@@ -53,7 +51,7 @@ bool SettleByQuery(const Place& place, FlowPoint start, const FlowPyramid& now) 
   if (track.patch == nullptr) return false;
   const std::optional<Alignment> found = AlignPatch(*track.patch, now, start, track.deformation);
   if (!found || found->correlation < kLeastCorrelation) return false;
-  if (std::hypot(found->at.x - start.x, found->at.y - start.y) > kQueryMove * PixelsOf512(now)) return false;
+  if (std::hypot(found->at.x - start.x, found->at.y - start.y) > FlowPixels(kQueryMove, now.size())) return false;
   track.deformation = found->deformation;
   Settle(place, found->at, Evidence::Polish::kFromQuery);
   return true;
@@ -70,13 +68,12 @@ std::vector<std::optional<FlowPoint>> LeadFromBefore(absl::Span<const Place> pla
     from.push_back(*places[i].track->previous);
     estimates.push_back(EstimateAt(places[i]));
   }
-  const float pixel = PixelsOf512(now);
+  const float round_trip = FlowPixels(kRoundTrip, now.size()), move = FlowPixels(kMove, now.size());
   const auto found = FollowPoints(before, now, from, estimates);
   std::vector<std::optional<FlowPoint>> led(places.size());
   for (size_t i = 0; i < known.size(); ++i) {
     const std::optional<FlowMatch>& match = found[i];
-    if (match && match->round_trip <= kRoundTrip * pixel && match->move <= kMove * pixel &&
-        match->difference < kDifference) {
+    if (match && match->round_trip <= round_trip && match->move <= move && match->difference < kDifference) {
       led[known[i]] = match->at;
     }
   }
