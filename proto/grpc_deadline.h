@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 
 #include "absl/time/time.h"
 
@@ -15,6 +16,11 @@ namespace holdfast {
 inline gpr_timespec SteadyDeadline(absl::Duration from_now) {
   const int64_t milliseconds = std::max<int64_t>(absl::ToInt64Milliseconds(from_now), 0);
   return gpr_time_add(gpr_now(GPR_CLOCK_MONOTONIC), gpr_time_from_millis(milliseconds, GPR_TIMESPAN));
+}
+
+// For channel arguments that are milliseconds; what is longer than they hold is as good as infinite to gRPC.
+inline int ArgumentMilliseconds(absl::Duration duration) {
+  return static_cast<int>(std::min<int64_t>(absl::ToInt64Milliseconds(duration), std::numeric_limits<int>::max()));
 }
 
 }  // namespace holdfast

@@ -7,7 +7,6 @@
 #include <grpcpp/impl/server_builder_option.h>
 
 #include <algorithm>
-#include <limits>
 #include <utility>
 #include <vector>
 
@@ -27,11 +26,6 @@ constexpr int kWaitingStreams = 32;  // streams without a session yet, beside th
 constexpr int kMinClientPingMs = 10'000;
 constexpr absl::Duration kCloseTime = absl::Seconds(1);  // for the last bytes and for streams of health watchers
 
-int Milliseconds(absl::Duration duration) {
-  return static_cast<int>(
-      std::min<int64_t>(absl::ToInt64Milliseconds(duration), std::numeric_limits<int>::max()));  // gRPC's "infinite"
-}
-
 ServedStreams::Options StreamsOptions(const ServerOptions& options, SpanSink* spans) {
   ServedStreams::Options service;
   service.stream.first_message_timeout = options.first_message_timeout;
@@ -50,11 +44,11 @@ int64_t LargestMessage(const ServerOptions& options) {
 void SetChannelArguments(const ServerOptions& options, grpc::ServerBuilder& builder) {
   builder.SetMaxReceiveMessageSize(static_cast<int>(LargestMessage(options)));
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a port in use is an error
-  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, Milliseconds(options.keepalive_time));
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, ArgumentMilliseconds(options.keepalive_time));
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);  // any number: gRPC stops after two otherwise
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinClientPingMs);
-  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, Milliseconds(options.max_connection_age));
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, ArgumentMilliseconds(options.max_connection_age));
 }
 
 // Takes reflection away from one server: the library gives it to every one of the process.
