@@ -109,8 +109,8 @@ std::string WorkingDirectory(bool is_file, const std::string& path) {
 }  // namespace
 
 PendingFile::PendingFile(const std::string& path)
-    : path_(IsFile(path) ? Followed(path) : path),
-      is_file_(IsFile(path)),
+    : is_file_(IsFile(path)),
+      path_(is_file_ ? Followed(path) : path),
       temporary_(TemporaryName(WorkingDirectory(is_file_, path_), path)) {}
 
 PendingFile::~PendingFile() {

@@ -30,8 +30,8 @@ class PendingFile {
   absl::Status Commit();
 
  private:
-  const std::string path_;  // without links, but for what is no file
   const bool is_file_;      // or nothing yet
+  const std::string path_;  // without links, but for what is no file
   const std::string temporary_;
   bool committed_ = false;
 };
