@@ -325,21 +325,19 @@ class ManifestsTest(unittest.TestCase):
         self.assertEqual(float(work["threshold"]), 0.75)
 
     def assert_value(self, expression, series, value):
-        tests = [{"input_series": series, "promql_expr_test": [
-            {"expr": expression, "eval_time": "0m", "exp_samples": [{"labels": "{}", "value": value}]}]}]
-        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-            yaml.safe_dump({"tests": tests}, file)
-            done = subprocess.run([tool("promtool"), "test", "rules", file.name], capture_output=True, text=True,
-                                  check=False)
-        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assert_promtool("test", {"tests": [{"input_series": series, "promql_expr_test": [
+            {"expr": expression, "eval_time": "0m", "exp_samples": [{"labels": "{}", "value": value}]}]}]})
 
     def assert_promql(self, *expressions):
         rules = [{"record": f"r{number}", "expr": expression} for number, expression in enumerate(expressions)]
+        self.assert_promtool("check", {"groups": [{"name": "g", "rules": rules}]})
+
+    def assert_promtool(self, command, content):
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-            yaml.safe_dump({"groups": [{"name": "g", "rules": rules}]}, file)
-            done = subprocess.run([tool("promtool"), "check", "rules", file.name], capture_output=True, text=True,
+            yaml.safe_dump(content, file)
+            done = subprocess.run([tool("promtool"), command, "rules", file.name], capture_output=True, text=True,
                                   check=False)
-        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
     def test_the_alert_about_memory_knows_the_limit(self):
         alert = next(rule for rule in alerts() if rule["alert"] == "HoldfastMemoryHigh")
