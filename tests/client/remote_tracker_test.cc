@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cstdlib>
 #include <functional>
 #include <memory>
 #include <numeric>
@@ -17,6 +16,7 @@
 #include "api/errors.h"
 #include "api/steady_event.h"
 #include "proto/grpc_status.h"
+#include "tests/client/connect_to.h"
 #include "tests/client/fake_service.h"
 #include "tests/support/tcp_proxy.h"
 
@@ -50,12 +50,6 @@ class Recorder final : public TrackObserver {
   absl::Notification first_update;
   SteadyEvent over;  // OnDone came
 };
-
-absl::StatusOr<std::unique_ptr<RemoteTracker>> ConnectTo(const std::string& address) {
-  RemoteTracker::Options options;
-  options.addresses = {address};
-  return RemoteTracker::Connect(options);
-}
 
 Frame FrameOf(int64_t index, size_t bytes = 3) {
   Frame frame;
@@ -280,66 +274,6 @@ TEST(RemoteTrackerTest, ResultsThatWaitWhenTheServerGivesUpAreDeliveredBeforeThe
   EXPECT_EQ(observer.events, expected);
 }
 
-TEST(RemoteTrackerTest, AnAbsentServerIsNamedInTheError) {
-  std::string address;
-  {
-    FakeService service(EchoFrames);
-    address = service.address();
-  }
-  RemoteTracker::Options options;
-  options.addresses = {address};
-  options.connect_timeout = absl::Milliseconds(50);
-  const auto tracker = RemoteTracker::Connect(options);
-  EXPECT_EQ(tracker.status().code(), absl::StatusCode::kUnavailable);
-  EXPECT_THAT(std::string(tracker.status().message()),
-              HasSubstr("holdfast: server at " + address + " cannot be reached: "));
-  EXPECT_FALSE(ConnectTo("nowhere").ok());
-}
-
-TEST(RemoteTrackerTest, ADistantServerIsReachedAtTheFirstAttempt) {
-  FakeService service(EchoFrames);
-  TcpProxy distant(service.port(), absl::Milliseconds(300));
-  const auto tracker = ConnectTo(distant.address());
-  EXPECT_TRUE(tracker.ok()) << tracker.status();
-  EXPECT_EQ(distant.connections(), 1);
-}
-
-TEST(RemoteTrackerTest, AnAttemptThatGetsNoAnswerLeavesTimeForAnotherOne) {
-  FakeService service(EchoFrames);
-  TcpProxy path(service.port());
-  path.LoseNext();
-  RemoteTracker::Options options;
-  options.addresses = {path.address()};
-  options.connect_timeout = absl::Seconds(4);
-  const auto tracker = RemoteTracker::Connect(options);
-  EXPECT_TRUE(tracker.ok()) << tracker.status();
-  EXPECT_EQ(path.connections(), 2);
-
-  path.LoseNext();
-  options.connect_timeout = absl::Milliseconds(50);
-  EXPECT_THAT(std::string(RemoteTracker::Connect(options).status().message()), HasSubstr("no connection within 50ms"));
-}
-
-TEST(RemoteTrackerTest, AnAbsentServerHoldsNobodyUpWhereAnotherOneAnswers) {
-  FakeService service(EchoFrames);
-  TcpProxy absent(service.port());
-  absent.RefuseNew(true);
-  RemoteTracker::Options options;
-  options.addresses = {absent.address(), service.address()};
-  options.connect_timeout = absl::InfiniteDuration();
-  EXPECT_TRUE(RemoteTracker::Connect(options).ok());
-}
-
-TEST(RemoteTrackerTest, AServerOfThisMachineIsReachedWithoutAProxy) {
-  FakeService service(EchoFrames);
-  setenv("http_proxy", "http://127.0.0.1:1", /*overwrite=*/1);
-  for (const std::string& address : {service.address(), absl::StrCat("localhost:", service.port()),
-                                     absl::StrCat("ipv4:", service.address(), ",127.0.0.2:1")}) {
-    EXPECT_TRUE(ConnectTo(address).ok()) << address;
-  }
-  unsetenv("http_proxy");
-}
-
 TEST(RemoteTrackerTest, ALostPathIsNoticedHoweverLongItWasSilent) {
   FakeService service(EchoFrames);
   TcpProxy path(service.port());
@@ -356,26 +290,6 @@ TEST(RemoteTrackerTest, ALostPathIsNoticedHoweverLongItWasSilent) {
   path.LoseAfter(5);  // pings, but for the first one or two
   EXPECT_TRUE(recorder.over.WaitFor(absl::Seconds(20)));
   EXPECT_EQ(recorder.done.code(), absl::StatusCode::kUnavailable) << recorder.done;
-}
-
-TEST(RemoteTrackerTest, OfSeveralServersTheFirstThatIsThereAnswers) {
-  auto gone = std::make_unique<FakeService>(EchoFrames);
-  FakeService service(EchoFrames);
-  service.info.set_model_name("interim");
-  service.info.set_window_frames(24);
-  RemoteTracker::Options options;
-  options.addresses = {gone->address(), service.address()};
-  options.connect_timeout = absl::Milliseconds(50);
-  auto tracker = RemoteTracker::Connect(options);
-  ASSERT_TRUE(tracker.ok()) << tracker.status();
-  gone.reset();  // the one that had answered
-  const auto info = (*tracker)->Info();
-  ASSERT_TRUE(info.ok()) << info.status();
-  EXPECT_EQ(info->model_name, "interim");
-  EXPECT_TRUE(RemoteTracker::Connect(options).ok());
-  service.Kill();
-  EXPECT_THAT(std::string(RemoteTracker::Connect(options).status().message()),
-              testing::AllOf(HasSubstr(options.addresses[0]), HasSubstr(options.addresses[1])));
 }
 
 TEST(RemoteTrackerTest, OptionsThatMakeNoSenseAreNamed) {
