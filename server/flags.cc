@@ -72,8 +72,8 @@ ABSL_FLAG(double, least_step, Defaults().engine.least_step,
           "Ends the window of a point early, after an iteration that moved the point by less than this many pixels of "
           "the processing size on every frame. 0: never. Servers that take up each other's sessions need the same.");
 ABSL_FLAG(bool, motion_prior, Defaults().engine.motion_prior,
-          "Starts windows from where optical flow leads, where a session leaves it open. Follows fast motion; costs "
-          "time of a decode thread on every frame.");
+          "Starts windows from where optical flow leads, and looks for points that are lost, where a session leaves it "
+          "open. Follows fast motion; costs time of a decode thread on every frame.");
 ABSL_FLAG(bool, polish, Defaults().engine.polish,
           "Moves final positions to where the picture says, where a session leaves it open. Finer; costs time of a "
           "decode thread on every frame.");

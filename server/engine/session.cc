@@ -11,18 +11,22 @@
 namespace holdfast {
 namespace {
 
-constexpr int64_t kPyramidsInUse = 2;  // a job may hold frames that the session has forgotten
+constexpr absl::Duration kFlowTurn = absl::Milliseconds(20);  // then frames and the flow of others have theirs
+constexpr int64_t kPyramidsInUse = 2;                         // a job may hold frames that the session has forgotten
 
 bool UsesFlow(const SessionAccepted& accepted) {
   return accepted.motion_prior || accepted.polish || accepted.emit == Emit::kEveryFrame;
 }
+
+// The surroundings of queries: points that are lost are looked for by them, and final positions are polished.
+bool KeepsPatches(const SessionAccepted& accepted) { return accepted.motion_prior || accepted.polish; }
 
 std::unique_ptr<SessionFlow> MakeFlow(const Session::Options& options) {
   if (!UsesFlow(options.accepted)) return nullptr;
   SessionFlow::Options flow;
   flow.starts = options.accepted.motion_prior;
   flow.live = options.accepted.emit == Emit::kEveryFrame;
-  flow.patches = options.accepted.polish;
+  flow.patches = KeepsPatches(options.accepted);
   flow.window_frames = options.windows.frames;
   flow.visible_above = options.confidence.visible_above();
   return std::make_unique<SessionFlow>(flow);
@@ -45,7 +49,7 @@ int64_t Session::FlowBytes(const Options& options) {
   // Those of the cache, those that finished windows are polished on, those not encoded yet, and two in use.
   const int64_t frames =
       options.max_cached_frames + options.windows.hop + options.inbox.max_pending_frames + kPyramidsInUse;
-  const int64_t patches = options.accepted.polish ? options.inbox.limits.max_points : 0;
+  const int64_t patches = KeepsPatches(options.accepted) ? options.inbox.limits.max_points : 0;
   return frames * FlowPyramid::MostBytes(options.accepted.processing_size) + patches * FlowPatch::kBytes;
 }
 
@@ -144,20 +148,29 @@ void Session::SubmitFlow() {
 }
 
 void Session::AdvanceFlow() {
-  if (flow_ == nullptr || !flow_->BeginSteps()) return;
-  RunFlow([this] {
+  if (flow_ != nullptr && flow_->BeginSteps()) StepFlow();
+}
+
+void Session::StepFlow() {
+  const SteadyTime turn = clock_.SteadyNow();
+  bool more = false;
+  RunFlow([&] {
     do {
       FetchOps(flow_->newest(), /*applied=*/false);
       SteadyTime begin = clock_.SteadyNow();
-      while (flow_->Step()) {
+      while (!more && flow_->Step()) {
         const SteadyTime end = clock_.SteadyNow();
         metrics_.StageTook(Stage::kFlow, Between(begin, end));
         begin = end;
+        more = Between(turn, end) > kFlowTurn;
       }
       report_.Live(*flow_);
-    } while (!flow_->EndSteps());
+    } while (!more && !flow_->EndSteps());
   });
   threads_.notify();  // windows may have their starts now
+  if (more) {
+    threads_.submit([self = shared_from_this()] { self->StepFlow(); });
+  }
 }
 
 void Session::FetchOps(int64_t newest, bool applied) {

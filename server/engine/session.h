@@ -113,6 +113,8 @@ class Session : public std::enable_shared_from_this<Session> {
   // Those that are queried at the frame, which is 'gray'.
   absl::Status PlaceObjects(int64_t index, absl::Span<const WaitingObject> objects, const GrayImage& gray);
   void AdvanceFlow();
+  // With the right to flow_->Step, which it keeps where it submits itself anew.
+  void StepFlow();
   // Polishes one frame and comes again until all are done.
   void PolishNextFrame();
   // What the work throws ends the session.

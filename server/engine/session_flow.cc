@@ -11,6 +11,13 @@ constexpr float kMaxRoundTrip = 2;  // pixels of a picture 512 wide
 // What is left of the confidence after a frame that flow carried a point over, and after one where it lost it.
 constexpr float kHeldConfidence = 0.99f;
 constexpr float kLostConfidence = 0.5f;
+// A point that stays below this until its window is about to run is looked for anew.
+constexpr float kDoubtBelow = 0.6f;
+constexpr size_t kMostSearches = 32;  // in one step: others want the thread too
+
+float ConfidenceAfter(float before, const FlowStep& step) {
+  return before * (step.held ? kHeldConfidence : kLostConfidence);
+}
 
 }  // namespace
 
@@ -61,11 +68,28 @@ bool SessionFlow::Step() {
   if (work.heads.empty()) return false;
   std::vector<FlowPoint> points;
   for (const Head& head : work.heads) points.push_back(head.at);
-  const std::vector<FlowStep> steps =
-      CarryPoints(*work.from, *work.to, points, FlowPixels(kMaxRoundTrip, work.from->size()));
+  const float max_round_trip = FlowPixels(kMaxRoundTrip, work.from->size());
+  const std::vector<FlowStep> steps = CarryPoints(*work.from, *work.to, points, max_round_trip);
+  std::vector<Search> searches;
+  {
+    absl::MutexLock lock(&mutex_);
+    searches = TakeSearchesLocked(work, steps);
+  }
+  const std::vector<LostChain> found = FindLost(absl::MakeSpan(searches), max_round_trip);
   absl::MutexLock lock(&mutex_);
   GrowLocked(work, steps);
+  for (size_t i = 0; i < searches.size(); ++i) ReplaceLocked(searches[i].head, found[i].points);
   return true;
+}
+
+std::vector<LostChain> SessionFlow::FindLost(absl::Span<Search> searches, float max_round_trip) {
+  std::vector<LostChain> chains;
+  for (Search& search : searches) {
+    search.chain.patch = &search.patch->Get();
+    chains.push_back(std::move(search.chain));
+  }
+  FindAgain(absl::MakeSpan(chains), max_round_trip);
+  return chains;
 }
 
 void SessionFlow::CutPatches() {
@@ -119,8 +143,36 @@ void SessionFlow::GrowLocked(const Work& work, absl::Span<const FlowStep> steps)
     if (found == entries_.end() || found->second.generation != head.generation) continue;
     Chain& chain = head.live ? *found->second.live : found->second.chain;
     chain.points.push_back(steps[i].at);
-    chain.confidence.push_back(chain.confidence.back() * (steps[i].held ? kHeldConfidence : kLostConfidence));
+    chain.confidence.push_back(ConfidenceAfter(chain.confidence.back(), steps[i]));
   }
+}
+
+std::vector<SessionFlow::Search> SessionFlow::TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps) const {
+  std::vector<Search> searches;
+  for (size_t i = 0; i < work.heads.size(); ++i) {
+    const Head& head = work.heads[i];
+    const auto found = entries_.find(head.serial);
+    if (found == entries_.end() || found->second.generation != head.generation) continue;
+    const Entry& entry = found->second;
+    const bool window_next = !head.live && options_.starts && work.frame + 1 == entry.chain.until;
+    if (!window_next || entry.patch == nullptr || entry.chain.first < oldest_) continue;
+    if (ConfidenceAfter(entry.chain.confidence.back(), steps[i]) >= kDoubtBelow) continue;
+    if (searches.size() == kMostSearches) {
+      work.heads.resize(i);
+      break;
+    }
+    Search search{head, entry.patch, {nullptr, {}, entry.chain.points}};
+    search.chain.points.push_back(steps[i].at);
+    const auto pictures = pyramids_.begin() + (entry.chain.first - oldest_);
+    search.chain.pictures.assign(pictures, pictures + static_cast<ptrdiff_t>(search.chain.points.size()));
+    searches.push_back(std::move(search));
+  }
+  return searches;
+}
+
+void SessionFlow::ReplaceLocked(const Head& head, const std::vector<FlowPoint>& points) {
+  const auto found = entries_.find(head.serial);
+  if (found != entries_.end() && found->second.generation == head.generation) found->second.chain.points = points;
 }
 
 std::vector<PointRun> SessionFlow::TakeLive() {

@@ -17,6 +17,7 @@
 #include "api/types.h"
 #include "server/engine/input/session_inbox.h"
 #include "server/engine/motion/flow.h"
+#include "server/engine/motion/redetection.h"
 #include "server/engine/tracker_model.h"
 #include "server/engine/tracks/geometry.h"
 
@@ -24,7 +25,9 @@ namespace holdfast {
 
 // The grey pyramids of a session's newest frames, and for each track the chain of positions that optical flow carries
 // from its newest estimate to the newest frame. A link of a chain depends on the link before it and two pictures alone,
-// so it does not matter when it is made or beside which other points. Decode threads add frames and make links, the
+// and the chain of a point that is lost where its next window ends on the pictures since its estimate and on the
+// surroundings of its query, which are looked for there: so it does not matter when a chain is made or beside which
+// other points. Decode threads add frames and make links, the
 // compute thread says where chains begin and reads them. Thread-safe; no lock is held while flow is computed or
 // pictures are cut.
 class SessionFlow {
@@ -152,6 +155,12 @@ class SessionFlow {
     FlowPyramidPtr to;
   };
 
+  struct Search {  // of a point that nobody is sure of any more, on the last frame of its next window
+    Head head;
+    std::shared_ptr<QueryPatch> patch;
+    LostChain chain;
+  };
+
   void CutPatches() ABSL_LOCKS_EXCLUDED(mutex_);
   void SeedLocked(const PointOp& op) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The newest entry of the id; an end that it has already holds where it is earlier.
@@ -159,6 +168,12 @@ class SessionFlow {
   Work NextWorkLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool CanGrowLocked(const Entry& entry, const Chain& chain) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void GrowLocked(const Work& work, absl::Span<const FlowStep> steps) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Of heads that come to the end of their windows by these steps. Those that are too many at once are taken out of
+  // 'work', and come again.
+  std::vector<Search> TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  static std::vector<LostChain> FindLost(absl::Span<Search> searches, float max_round_trip);
+  void ReplaceLocked(const Head& head, const std::vector<FlowPoint>& points) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   PointRun RunOf(const Entry& entry, const Chain& chain, int64_t end) const;
   int64_t NewestLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 

@@ -39,7 +39,7 @@ struct SessionState {
   };
   struct Track {
     TrackState state;
-    std::optional<Patch> patch;  // the picture around the query, for polish
+    std::optional<Patch> patch;  // the picture around the query
   };
   std::vector<Track> tracks;         // in the order they were seeded
   std::vector<ObjectState> objects;  // in the order they were queried

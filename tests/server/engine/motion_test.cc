@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstdint>
 #include <string>
 #include <utility>
 #include <vector>
@@ -246,6 +248,42 @@ TEST_F(MotionTest, APointThatIsCoveredIsAnsweredWithLittleConfidence) {
   EXPECT_LE(run.confidence.at(0), 0.5f);
   EXPECT_FLOAT_EQ(run.x.at(0), kPoint.x);
   gate.Open();
+}
+
+// Grey on frames 12 .. 14, after which all of it has jumped.
+Frame JumpingFrame(int64_t index) {
+  const auto t = static_cast<float>(index);
+  const float jump_x = index < 12 ? 0 : 12, jump_y = index < 12 ? 0 : -6;
+  GrayImage picture = ShiftedTexture(kPicture, kSpeedX * t + jump_x, kSpeedY * t + jump_y);
+  if (index >= 12 && index < 15) std::fill(picture.pixels.begin(), picture.pixels.end(), uint8_t{128});
+  return {index, BytesOf(picture)};
+}
+
+TEST_F(MotionTest, APointThatFlowHasLostIsFoundAgainHoweverItsFramesCome) {
+  std::vector<FinalTrack> tracks;
+  for (const Emit emit : {Emit::kWindows, Emit::kEveryFrame}) {
+    for (const bool slowly : {false, true}) {
+      SessionConfig config = PictureConfig(slowly ? Crowd(20) : std::vector<PointQuery>{});
+      config.points.push_back(kPoint);
+      config.emit = emit;
+      config.polish = false;
+      RecordingListener listener;
+      auto session = Open(config, listener);
+      for (int64_t i = 0; i < 50; ++i) {
+        ASSERT_THAT(listener.Push(*session, JumpingFrame(i)), IsOk());
+        if (slowly && i % 8 == 7) listener.AwaitFinal(kPoint.id, i < 23 ? 1 : static_cast<size_t>(i - 14));
+      }
+      session->Finish();
+      EXPECT_THAT(listener.AwaitDone(), IsOk());
+      tracks.push_back(listener.Final(kPoint.id));
+    }
+  }
+  ASSERT_THAT(tracks[0], SizeIs(50));
+  for (int64_t frame = 15; frame < 50; ++frame) {  // the first window, which is full with frame 23, knows where it is
+    EXPECT_NEAR(tracks[0].at(frame).x, kPoint.x + 12 + kSpeedX * static_cast<float>(frame), 1) << "frame " << frame;
+    EXPECT_NEAR(tracks[0].at(frame).y, kPoint.y - 6 + kSpeedY * static_cast<float>(frame), 1) << "frame " << frame;
+  }
+  for (const FinalTrack& track : tracks) EXPECT_EQ(track, tracks[0]);
 }
 
 TEST_F(MotionTest, RemovedPointsAreNotAnsweredAndReSeededOnesAtOnce) {

@@ -43,15 +43,23 @@ inline std::string Difference(const Tracks& tracks, const Tracks& expected) {
   return "";
 }
 
-// What a client says: points that come and go before the first window is full, in the middle, and near the end.
+// What a client says: points that come and go before the first window is full, in the middle, and near the end. The
+// world is hidden for a while, and has jumped when it comes back.
 struct Script {
   static std::vector<PointQuery> AtFirst() { return {{1, 40.5f, 50.25f}, {2, 80, 30}}; }
+  static constexpr int64_t kHidden = 26, kShown = 29;
+  static FlowPoint ShiftAt(int64_t index) {
+    const auto t = static_cast<float>(index);
+    return index < kHidden ? FlowPoint{0.75f * t, 0.25f * t} : FlowPoint{0.75f * t + 12, 0.25f * t - 6};
+  }
   static const std::string& PictureAt(int64_t index) {
     static auto& made = *new std::map<int64_t, std::string>();
     std::string& picture = made[index];
-    const auto t = static_cast<float>(index);
-    if (picture.empty()) picture = BytesOf(ShiftedTexture(kPicture, 0.75f * t, 0.25f * t));
-    return picture;
+    if (!picture.empty()) return picture;
+    const FlowPoint shift = ShiftAt(index);
+    GrayImage shown = ShiftedTexture(kPicture, shift.x, shift.y);
+    if (index >= kHidden && index < kShown) Cover(shown, 0, kPicture.width, /*seed=*/9);
+    return picture = BytesOf(shown);
   }
   static Frame At(int64_t index) {
     Frame frame{index, PictureAt(index), {}, {}};

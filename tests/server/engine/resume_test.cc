@@ -92,6 +92,15 @@ TEST_F(ResumeTest, ManyInterruptionsOfOneStreamChangeNothing) {
   EXPECT_EQ(Difference(tracks, expected), "");
 }
 
+TEST_F(ResumeTest, TheScriptLosesAPointAndFindsItAgain) {
+  model_->step = 0;
+  const Tracks tracks = Uninterrupted(MakeConfig());
+  const FinalTrack& track = tracks.at(4);  // queried after frame 10
+  const FlowPoint begin = Script::ShiftAt(11), end = Script::ShiftAt(50);
+  EXPECT_NEAR(track.at(50).x, 50 + end.x - begin.x, 1);
+  EXPECT_NEAR(track.at(50).y, 60 + end.y - begin.y, 1);
+}
+
 TEST_F(ResumeTest, EarlierFramesAreIgnored) {
   const SessionConfig config = MakeConfig();
   const Tracks expected = Uninterrupted(config);
