@@ -41,9 +41,10 @@ class TrackStream {
   virtual ~TrackStream() = default;
   // Blocks while the session's frame queue is full.
   virtual absl::Status PushFrame(Frame frame) = 0;
-  // Queried at the newest frame pushed so far (at the first frame, when there is none yet). Ids in use are re-seeded.
+  // Queried at the newest frame pushed so far (at the first frame, when there is none yet). Ids in use are re-seeded:
+  // up to the frame before, final estimates are those of the old point.
   virtual absl::Status AddPoints(std::vector<PointQuery> points) = 0;
-  // Unknown ids are ignored.
+  // After the newest frame pushed so far, up to which estimates become final. Unknown ids are ignored.
   virtual absl::Status RemovePoints(std::vector<PointId> ids) = 0;
   // No more frames: everything becomes final, then OnDone(OK). Blocks until OnDone has returned; returns its status.
   virtual absl::Status Finish() = 0;

@@ -292,9 +292,7 @@ std::vector<DueRow> Session::DueRows() {
   const auto of_object = [](const DueRow& row) { return IsObjectPoint(row.track->id()); };
   if (std::any_of(rows.begin(), rows.end(), of_object)) {
     report_.WithObjects([&](const SessionObjects& objects) {
-      const auto waits = [&](const DueRow& row) {
-        return objects.Holds(row.track->id(), row.track->oldest_frame_needed());
-      };
+      const auto waits = [&](const DueRow& row) { return objects.Holds(row.track->id(), row.track->next_start()); };
       rows.erase(std::remove_if(rows.begin(), rows.end(), waits), rows.end());
     });
   }

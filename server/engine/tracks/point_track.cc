@@ -75,7 +75,14 @@ void PointTrack::End(int64_t last_frame, int64_t stop) {
 }
 
 std::optional<WindowPlan> PointTrack::Due(int64_t newest, bool stream_ended) const {
-  return schedule_.Next(std::min(newest, last_frame_), stream_ended && !ending_);
+  if (!ending_) return schedule_.Next(newest, stream_ended);
+  if (auto plan = schedule_.Next(std::min(newest, last_frame_), /*ended=*/false)) return plan;
+  return over(newest) || stream_ended ? schedule_.Next(last_frame_, /*ended=*/true) : std::nullopt;
+}
+
+int64_t PointTrack::oldest_frame_needed() const {
+  const int64_t next = schedule_.next_start();
+  return ending_ ? std::clamp(last_frame_ - window_frames_ + 1, seed_.frame, next) : next;
 }
 
 WindowRow PointTrack::Row(const WindowPlan& plan, absl::Span<const Position> carried) const {

@@ -34,9 +34,13 @@ class PointTrack {
   const PointSeed& seed() const { return seed_; }
   bool began() const { return schedule_.began(); }
   // Ends the track early: frames after 'last_frame' are not used any more, and those from 'stop' on not reported.
-  // Windows that are due by 'last_frame' still run, so that what is reported does not depend on the engine's pace.
+  // Windows that are due by 'last_frame' still run, and then a last one, as at the end of a stream: the point has an
+  // estimate on every frame up to its end, which depends neither on the engine's pace nor on provisional windows.
   void End(int64_t last_frame, int64_t stop);
   bool ending() const { return ending_; }
+  // Nobody can say any more that it ends even earlier: a point that is removed may be added again at the same frame,
+  // which then is the new point's.
+  bool over(int64_t newest) const { return ending_ && newest >= stop_; }
   TrackState::Ending ending_at() const { return {last_frame_, stop_}; }
 
   std::optional<WindowPlan> Due(int64_t newest, bool stream_ended) const;
@@ -74,8 +78,9 @@ class PointTrack {
   // What is new since the last call: frames that became final, and with 'provisional' those after them.
   std::optional<PointRun> TakeRun(bool provisional, const FrameGeometry& geometry);
 
-  // No full window to come needs an older frame.
-  int64_t oldest_frame_needed() const { return schedule_.next_start(); }
+  // s_k of the next full window, and the oldest frame that any window to come needs, save the last of a stream.
+  int64_t next_start() const { return schedule_.next_start(); }
+  int64_t oldest_frame_needed() const;
   // Frames of this track before this one have been reported as final.
   int64_t reported_before() const { return sent_before_; }
   size_t estimates_kept() const { return estimates_.size(); }

@@ -118,7 +118,7 @@ std::vector<PointRun> TrackSet::TakeEnded() {
   absl::flat_hash_set<PointId> waiting;
   const auto ended = [&](const std::unique_ptr<PointTrack>& track) {
     if (!track->ending() || waiting.contains(track->id())) return false;
-    if (track->Due(cache_.newest(), /*stream_ended=*/false)) {
+    if (!track->over(cache_.newest()) || track->Due(cache_.newest(), /*stream_ended=*/false)) {
       waiting.insert(track->id());
       return false;
     }

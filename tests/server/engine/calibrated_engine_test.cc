@@ -147,10 +147,10 @@ TEST_F(CalibratedEngineTest, TheSinkHearsOfEveryFinalEstimateButNotOfQueries) {
   PushFrames(*session, listener, 26, 60);
   session->Finish();
   EXPECT_THAT(listener.AwaitDone(), IsOk());
-  EXPECT_EQ(told.FramesOf(1), FramesFrom(1, 23));
+  EXPECT_EQ(told.FramesOf(1), FramesFrom(1, 24));
   EXPECT_EQ(told.FramesOf(2), FramesFrom(1, 59));
   EXPECT_EQ(told.FramesOf(3), FramesFrom(26, 59));
-  EXPECT_THAT(told.evidence(), SizeIs(23 + 59 + 34));
+  EXPECT_THAT(told.evidence(), SizeIs(24 + 59 + 34));
   for (const auto& [key, evidence] : told.evidence()) {
     EXPECT_EQ(evidence.similarity, Coarse(0.7f));
     EXPECT_EQ(evidence.age, key.second - (key.first == 3 ? 25 : 0));

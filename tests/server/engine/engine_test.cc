@@ -205,8 +205,8 @@ TEST_F(EngineTest, RemovedAndReSeededPointsEndAndStartWhereTheyShould) {
   session->Finish();
   EXPECT_THAT(listener.AwaitDone(), IsOk());
   const FinalTrack removed = listener.Final(1), seeded = listener.Final(2);
-  EXPECT_EQ(removed.count(23), 1u);
-  EXPECT_EQ(removed.count(24), 0u);  // no estimate by frame 24, where it was removed
+  EXPECT_EQ(removed.count(24), 1u);  // where it was removed
+  EXPECT_EQ(removed.count(25), 0u);
   EXPECT_EQ(removed.count(39), 0u);
   EXPECT_EQ(removed.at(40).x, 20);
   EXPECT_FLOAT_EQ(seeded.at(39).x, 2 + 39 * 4);

@@ -102,7 +102,7 @@ TEST_F(LocalTrackerTest, AddsAndRemovesPointsAtTheNewestFrame) {
   EXPECT_THAT(stream->Finish(), IsOk());
   EXPECT_EQ(observer.Final(2).begin()->first, 9);
   EXPECT_EQ(observer.Final(2).rbegin()->first, 19);
-  EXPECT_EQ(observer.Final(1).rbegin()->first, 7);  // the early window of eight frames
+  EXPECT_EQ(observer.Final(1).rbegin()->first, 9);
 }
 
 // An observer that takes its time holds the stream, not the engine.

