@@ -26,9 +26,11 @@ inline Sample MovingTexture(int64_t frames, ImageSize size, cv::Point2f step, co
   sample.source = "moving texture";
   for (int64_t t = 0; t < frames; ++t) {
     cv::Mat image(size.height, size.width, CV_8UC3);
-    image.forEach<cv::Vec3b>([&](cv::Vec3b& pixel, const int* at) {
-      pixel = TextureAt(at[1] - static_cast<int>(step.x) * t, at[0] - static_cast<int>(step.y) * t);
-    });
+    for (int y = 0; y < size.height; ++y) {
+      for (int x = 0; x < size.width; ++x) {
+        image.at<cv::Vec3b>(y, x) = TextureAt(x - static_cast<int>(step.x) * t, y - static_cast<int>(step.y) * t);
+      }
+    }
     sample.frames.push_back(image);
   }
   sample.AllocatePoints(static_cast<int64_t>(starts.size()));

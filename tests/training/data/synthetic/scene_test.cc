@@ -215,10 +215,12 @@ Scene SwingingArm() {
   Layer arm;
   arm.id = 2;
   arm.texture = cv::Mat(21, 61, CV_8UC4);
-  arm.texture.forEach<cv::Vec4b>([](cv::Vec4b& p, const int* at) {
-    p = cv::Vec4b(static_cast<uint8_t>(4 * at[1]), static_cast<uint8_t>(10 * at[0]),
-                  static_cast<uint8_t>(250 - 3 * at[1]), 255);
-  });
+  for (int y = 0; y < arm.texture.rows; ++y) {
+    for (int x = 0; x < arm.texture.cols; ++x) {
+      arm.texture.at<cv::Vec4b>(y, x) =
+          cv::Vec4b(static_cast<uint8_t>(4 * x), static_cast<uint8_t>(10 * y), static_cast<uint8_t>(250 - 3 * x), 255);
+    }
+  }
   Motion shoulder;
   shoulder.home = {120, 100};
   shoulder.angle = Curve::Swing(0, 0.8, 9, 0, 23);

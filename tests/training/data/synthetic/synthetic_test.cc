@@ -64,13 +64,18 @@ void PaintSmoothPictures(const std::filesystem::path& root) {
   const auto wave = [](double place) { return cv::saturate_cast<uint8_t>(128 + 90 * std::sin(place)); };
   for (int i = 0; i < 4; ++i) {
     cv::Mat picture(300, 400, CV_8UC3), object(120, 120, CV_8UC4);
-    picture.forEach<cv::Vec3b>([&](cv::Vec3b& p, const int* at) {
-      p = cv::Vec3b(wave(at[0] * 0.08 + i), wave(at[1] * 0.08), wave((at[0] + at[1]) * 0.05));
-    });
-    object.forEach<cv::Vec4b>([&](cv::Vec4b& p, const int* at) {
-      const bool inside = std::hypot(at[0] - 60, at[1] - 60) < 55;
-      p = cv::Vec4b(wave(at[0] * 0.08), wave(at[1] * 0.08 + i), wave((at[0] - at[1]) * 0.05), inside ? 255 : 0);
-    });
+    for (int y = 0; y < picture.rows; ++y) {
+      for (int x = 0; x < picture.cols; ++x) {
+        picture.at<cv::Vec3b>(y, x) = cv::Vec3b(wave(y * 0.08 + i), wave(x * 0.08), wave((y + x) * 0.05));
+      }
+    }
+    for (int y = 0; y < object.rows; ++y) {
+      for (int x = 0; x < object.cols; ++x) {
+        const bool inside = std::hypot(y - 60, x - 60) < 55;
+        object.at<cv::Vec4b>(y, x) =
+            cv::Vec4b(wave(y * 0.08), wave(x * 0.08 + i), wave((y - x) * 0.05), inside ? 255 : 0);
+      }
+    }
     const std::string name = "picture" + std::to_string(i) + ".png";
     ASSERT_TRUE(cv::imwrite((root / "backgrounds" / name).string(), picture));
     ASSERT_TRUE(cv::imwrite((root / "objects" / name).string(), object));
