@@ -91,11 +91,12 @@ double Area(ImageSize size) { return static_cast<double>(size.width) * size.heig
 }  // namespace
 
 ImageSize FlowSize(ImageSize frame, ImageSize processing) {
-  if (Area(frame) <= Area(processing)) return processing;
   const double most_side = kMostSide * std::max(processing.width, processing.height);
-  const double scale = std::min({1.0, kSizeOfProcessing * std::sqrt(Area(processing) / Area(frame)),
+  const double of_processing = std::sqrt(Area(processing) / Area(frame));
+  const double scale = std::min({std::max(1.0, of_processing), kSizeOfProcessing * of_processing,
                                  most_side / std::max(frame.width, frame.height)});
-  const auto scaled = [scale](int side) { return std::max(1, static_cast<int>(side * scale)); };
+  constexpr double kRounding = 1e-6;
+  const auto scaled = [scale](int side) { return std::max(1, static_cast<int>(side * scale + kRounding)); };
   return {scaled(frame.width), scaled(frame.height)};
 }
 

@@ -4,6 +4,7 @@
 // no sessions and no windows; OpenCV stays behind this header. Safe to call from several threads.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -27,13 +28,16 @@ struct GrayView {
   int stride = 0;  // from one row to the next
 };
 
-// The size in which frames are looked at. What is lost by processing a large frame at a small size is found again here:
-// it keeps its own size up to the area of 1.5 times the processing size each way, and twice its larger side. A frame
-// that has no more pixels than are processed gets the processing size.
+// The size in which frames are looked at, of a frame's own shape: what turns in it is not sheared. What is lost by
+// processing a large frame at a small size is found again here: it keeps its own size up to the area of 1.5 times the
+// processing size each way, and twice its larger side. A frame of fewer pixels than are processed is enlarged to as
+// many.
 ImageSize FlowSize(ImageSize frame, ImageSize processing);
 
-// Pixels of a picture so wide that are 'of_512' pixels of one that is 512 wide, in which limits are given.
-inline float FlowPixels(float of_512, ImageSize picture) { return of_512 * static_cast<float>(picture.width) / 512; }
+// Pixels of a picture that are 'of_512' pixels of one whose longer side is 512, in which limits are given.
+inline float FlowPixels(float of_512, ImageSize picture) {
+  return of_512 * static_cast<float>(std::max(picture.width, picture.height)) / 512;
+}
 
 struct FlowPoint {  // pixels of the grey picture; (0, 0) is the centre of the first one
   float x = 0;

@@ -130,7 +130,9 @@ TEST(FlowTest, LooksAtFramesInTheirOwnSizeUpToAHalfMoreThanIsProcessed) {
   EXPECT_EQ(FlowSize({1536, 1152}, processing), (ImageSize{768, 576}));
   EXPECT_EQ(FlowSize({1024, 576}, processing), (ImageSize{886, 498}));
   EXPECT_EQ(FlowSize({576, 1024}, processing), (ImageSize{498, 886}));
-  EXPECT_EQ(FlowSize({4096, 32}, processing), processing);
+  EXPECT_EQ(FlowSize({240, 320}, processing), (ImageSize{384, 512})) << "turning is turning";
+  EXPECT_EQ(FlowSize({320, 576}, processing), (ImageSize{330, 594}));
+  EXPECT_EQ(FlowSize({4096, 32}, processing), (ImageSize{1024, 8}));
   EXPECT_EQ(FlowSize({4096, 256}, processing), (ImageSize{1024, 64}));
 }
 
