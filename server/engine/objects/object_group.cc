@@ -2,6 +2,7 @@
 #include "server/engine/objects/object_group.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -20,8 +21,15 @@ constexpr double kAstray = 0.15;
 constexpr double kTimesTypical = 4;  // the median distance of the others
 constexpr double kLeastPixels = 2;
 constexpr double kLeastFirst = 0.3;  // of all points: first ones that tell the motion without those that came later
-constexpr int kFramesToLeave = 3;    // in a row that a point lies too far off before it has left
-constexpr int kFramesToReturn = 6;   // in a row that it does not before it is back
+// Two points that see something else make a similarity too, and a third may agree by chance. Sure is what so many agree
+// on that this hardly happens; what fewer do is believed where it is a small step from the motion before.
+constexpr size_t kLeastSure = 5;          // points; of an object of fewer than six, all but one
+constexpr double kLeastConfirming = 0.3;  // of all that have not left: that agree beside two
+constexpr double kLeastUnsure = 2.0 / 3;  // of the visible ones, to be believed at all
+constexpr double kUnsureStep = 0.25;      // of the object's size: how far it may take any of its points
+constexpr double kUnsurePixels = 8;       // or so far
+constexpr int kFramesToLeave = 3;         // in a row that a point lies too far off before it has left
+constexpr int kFramesToReturn = 6;        // in a row that it does not before it is back
 
 // The median distance of the votes from where 'motion' leads.
 double Typical(const std::vector<Displacement>& votes, const Similarity& motion) {
@@ -47,29 +55,64 @@ struct Part {
   ObjectJudgement::Standing& standing;
 };
 
-// Of the points that are visible and have not left. One that was placed anew knows where the object was from the
-// others: it would only confirm what they have come to, so the first ones have the word while enough of them are there.
-std::vector<Displacement> VotesOf(const std::vector<Part>& parts) {
-  std::vector<Displacement> first, all;
+struct Votes {
+  std::vector<Displacement> cast;  // by those that are visible
+  size_t voters = 0;               // all that have not left
+};
+
+Votes VotesOf(const std::vector<Part>& parts, bool first_ones) {
+  Votes votes;
   for (const Part& part : parts) {
-    if (!part.sample.visible || part.standing.left) continue;
-    all.push_back({part.member.home, part.sample.at});
-    if (!IsPlacedAnew(part.member.id)) first.push_back(all.back());
+    if (part.standing.left || (first_ones && IsPlacedAnew(part.member.id))) continue;
+    ++votes.voters;
+    if (part.sample.visible) votes.cast.push_back({part.member.home, part.sample.at});
   }
-  const bool enough = static_cast<double>(first.size()) >= kLeastFirst * static_cast<double>(parts.size());
-  return enough ? first : all;
+  return votes;
 }
 
-// Moves on to where the points lead that have not left, and weighs where each of them stands. False: too few see the
-// frame, or agree, and everything stays.
+// A point that was placed anew knows where the object was from the others: it would only confirm what they have come
+// to, so the first ones have the word while enough of them are there.
+Votes VotesOf(const std::vector<Part>& parts) {
+  Votes first = VotesOf(parts, /*first_ones=*/true);
+  const bool enough = static_cast<double>(first.cast.size()) >= kLeastFirst * static_cast<double>(parts.size());
+  return enough ? std::move(first) : VotesOf(parts, /*first_ones=*/false);
+}
+
+// Whether so many points of 'parts' agree that it cannot be by chance.
+bool IsSure(size_t agree, size_t voters, size_t parts) {
+  const size_t least = std::clamp<size_t>(parts - 1, 3, kLeastSure);
+  return agree >= least && static_cast<double>(agree - 2) > kLeastConfirming * static_cast<double>(voters);
+}
+
+// Whether the object gets from one place to the other in a small step, all over.
+bool IsNear(const std::vector<Part>& parts, double size, const Similarity& from, const Similarity& to) {
+  const double most = std::max(kUnsurePixels, kUnsureStep * size * from.scale());
+  return std::all_of(parts.begin(), parts.end(), [&](const Part& part) {
+    return Distance(from.Map(part.member.home), to.Map(part.member.home)) <= most;
+  });
+}
+
+// Where the points lead; empty: too few see the frame, or agree, to tell.
+std::optional<Similarity> MotionBy(const std::vector<Part>& parts, const Votes& votes, double size,
+                                   const Similarity& before) {
+  const double tolerance = std::max(kLeastPixels, kAgree * size * before.scale());
+  const std::optional<FittedSimilarity> found = FitSimilarity(votes.cast, tolerance, before);
+  if (!found) return std::nullopt;
+  if (IsSure(found->agree, votes.voters, parts.size())) return found->motion;
+  const bool most = static_cast<double>(found->agree) >= kLeastUnsure * static_cast<double>(votes.cast.size());
+  if (most && IsNear(parts, size, before, found->motion)) return found->motion;
+  return std::nullopt;
+}
+
+// Moves on to where the points lead that have not left, and weighs where each of them stands. False: they do not tell,
+// and everything stays.
 bool Follow(const std::vector<Part>& parts, double size, Similarity& motion) {
-  const std::vector<Displacement> votes = VotesOf(parts);
-  const double tolerance = std::max(kLeastPixels, kAgree * size * motion.scale());
-  const std::optional<Similarity> found = FitSimilarity(votes, tolerance, motion);
+  const Votes votes = VotesOf(parts);
+  const std::optional<Similarity> found = MotionBy(parts, votes, size, motion);
   if (!found) return false;
   motion = *found;
   const double allowed =
-      std::max({kLeastPixels, kAstray * size * motion.scale(), kTimesTypical * Typical(votes, motion)});
+      std::max({kLeastPixels, kAstray * size * motion.scale(), kTimesTypical * Typical(votes.cast, motion)});
   for (const Part& part : parts) {
     if (!part.sample.visible) continue;
     Weigh(part.standing, Distance(motion.Map(part.member.home), part.sample.at) > allowed);

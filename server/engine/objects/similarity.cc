@@ -14,7 +14,6 @@ constexpr size_t kMostPairs = 512;    // of displacements that a similarity is m
 constexpr double kLeastApart = 1e-3;  // pixels: two places that tell of a turn
 constexpr double kMostScale = 20;     // an object that seems to grow or shrink by more is not seen
 constexpr size_t kLeastInliers = 3;
-constexpr double kLeastAgreement = 0.3;  // of the displacements
 constexpr int kRefinements = 4;
 
 double SquaredResidual(const Similarity& motion, const Displacement& d) {
@@ -43,8 +42,8 @@ std::optional<Similarity> OfPair(const Displacement& p, const Displacement& q) {
 }
 
 // The least squares' similarity of the displacements that 'motion' explains to 'tolerance'.
-std::optional<Similarity> Refined(absl::Span<const Displacement> displacements, double tolerance,
-                                  const Similarity& motion) {
+std::optional<FittedSimilarity> Refined(absl::Span<const Displacement> displacements, double tolerance,
+                                        const Similarity& motion) {
   double n = 0, fx = 0, fy = 0, tx = 0, ty = 0;
   std::vector<const Displacement*> inliers;
   for (const Displacement& d : displacements) {
@@ -52,8 +51,7 @@ std::optional<Similarity> Refined(absl::Span<const Displacement> displacements, 
     inliers.push_back(&d);
     ++n, fx += d.from.x, fy += d.from.y, tx += d.to.x, ty += d.to.y;
   }
-  const double agreement = kLeastAgreement * static_cast<double>(displacements.size());
-  if (inliers.size() < kLeastInliers || n < agreement) return std::nullopt;
+  if (inliers.size() < kLeastInliers) return std::nullopt;
   fx /= n, fy /= n, tx /= n, ty /= n;
   double square = 0, dot = 0, cross = 0;
   for (const Displacement* d : inliers) {
@@ -67,7 +65,7 @@ std::optional<Similarity> Refined(absl::Span<const Displacement> displacements, 
   refined.tx = tx - (refined.a * fx - refined.b * fy);
   refined.ty = ty - (refined.b * fx + refined.a * fy);
   if (!IsPlausible(refined)) return std::nullopt;
-  return refined;
+  return FittedSimilarity{refined, inliers.size()};
 }
 
 // Squares of what is left over; beyond 'tolerance' it does not matter how far.
@@ -95,8 +93,8 @@ double Similarity::rotation() const { return std::atan2(b, a); }
 
 double Distance(Pixel a, Pixel b) { return std::hypot(double{a.x} - b.x, double{a.y} - b.y); }
 
-std::optional<Similarity> FitSimilarity(absl::Span<const Displacement> displacements, double tolerance,
-                                        const Similarity& guess) {
+std::optional<FittedSimilarity> FitSimilarity(absl::Span<const Displacement> displacements, double tolerance,
+                                              const Similarity& guess) {
   Similarity best = guess;
   double least = Cost(displacements, tolerance, guess);
   const auto consider = [&](const Displacement& p, const Displacement& q) {
@@ -117,8 +115,8 @@ std::optional<Similarity> FitSimilarity(absl::Span<const Displacement> displacem
     const size_t first = pair % count, apart = 1 + pair / count;
     consider(displacements[first], displacements[(first + apart) % count]);
   }
-  std::optional<Similarity> fitted = best;
-  for (int i = 0; i < kRefinements && fitted; ++i) fitted = Refined(displacements, tolerance, *fitted);
+  std::optional<FittedSimilarity> fitted = FittedSimilarity{best};
+  for (int i = 0; i < kRefinements && fitted; ++i) fitted = Refined(displacements, tolerance, fitted->motion);
   return fitted;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <optional>
 
 #include "absl/types/span.h"
@@ -16,10 +17,16 @@ struct Displacement {
 
 double Distance(Pixel a, Pixel b);
 
-// The similarity that the most displacements agree with, to 'tolerance' pixels of where they lead; empty where there is
-// none that enough of them do (three, and three in ten). 'guess' is tried first. A function of its arguments alone: no
-// chance, the order of the displacements aside.
-std::optional<Similarity> FitSimilarity(absl::Span<const Displacement> displacements, double tolerance,
-                                        const Similarity& guess);
+struct FittedSimilarity {
+  Similarity motion;
+  size_t agree = 0;  // displacements that it was fitted to
+};
+
+// The similarity that the most displacements agree with, to 'tolerance' pixels of where they lead; empty where no three
+// do. Any two define one exactly, so of displacements that have nothing in common a few agree by chance: whether those
+// that do are enough is the caller's to say. 'guess' is tried first. A function of its arguments alone: no chance, the
+// order of the displacements aside.
+std::optional<FittedSimilarity> FitSimilarity(absl::Span<const Displacement> displacements, double tolerance,
+                                              const Similarity& guess);
 
 }  // namespace holdfast

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <random>
 #include <vector>
 
 namespace holdfast {
@@ -161,6 +162,149 @@ TEST(ObjectGroupTest, AHiddenObjectStandsStillAndLosesNobody) {
   EXPECT_NEAR(run.samples[7].centre.x, run.samples[4].centre.x, 1e-4);
   EXPECT_NEAR(run.samples[11].centre.x, 72, 1e-3);
   EXPECT_THAT(run.samples[11].left, IsEmpty());
+}
+
+// A textured square of 120 pixels in the left half of a frame of 512 x 384, and 'count' points spread over it.
+constexpr float kFrameRight = 511;
+
+ObjectShape LargeSquare() {
+  ObjectShape shape;
+  shape.centre = {200, 190};
+  shape.size = 120;
+  shape.outline = {{140, 130}, {260, 130}, {260, 250}, {140, 250}};
+  return shape;
+}
+
+Pixel HomeOf(uint32_t i, uint32_t count) {
+  const auto columns = static_cast<uint32_t>(std::ceil(std::sqrt(count)));
+  const float apart = 110.0f / static_cast<float>(columns - 1);
+  return {145 + apart * static_cast<float>(i % columns), 135 + apart * static_cast<float>(i / columns)};
+}
+
+std::vector<ObjectSample> FinalOfLargeSquare(uint32_t count, const World& world, int64_t frames) {
+  std::vector<PointQuery> points;
+  for (uint32_t i = 0; i < count; ++i) {
+    const Pixel home = HomeOf(i, count);
+    points.push_back({ObjectPointId(kId, i), home.x, home.y});
+  }
+  ObjectGroup group(kId, kQuery, LargeSquare(), points);
+  for (const PointQuery& point : points) {
+    PointRun run;
+    run.id = point.id;
+    run.first_frame = kQuery;
+    run.final_count = frames;
+    for (int64_t t = 0; t < frames; ++t) {
+      const Seen seen = world(ObjectPointIndex(point.id), {point.x, point.y}, t);
+      run.x.push_back(seen.at.x);
+      run.y.push_back(seen.at.y);
+      run.visible.push_back(seen.visible ? 1 : 0);
+      run.confidence.push_back(1);
+    }
+    group.Add(run);
+  }
+  return group.TakeRun(/*provisional=*/false).value_or(ObjectRun()).samples;
+}
+
+// The furthest that any corner goes from one frame to the next.
+double LargestStep(const std::vector<ObjectSample>& samples) {
+  double largest = 0;
+  for (size_t t = 1; t < samples.size(); ++t) {
+    for (size_t i = 0; i < samples[t].outline.size(); ++i) {
+      const Pixel a = samples[t - 1].outline[i], b = samples[t].outline[i];
+      largest = std::max(largest, std::hypot(double{a.x} - b.x, double{a.y} - b.y));
+    }
+  }
+  return largest;
+}
+
+// How often in a thousand an object of 'count' points goes anywhere, of which 'visible' are, at places of a box that is
+// 'width' wide and lies where it was.
+int MovedByChance(uint32_t count, uint32_t visible, float width) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<float> x(260 - width, 260), y(130, 250);
+  int moved = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const auto samples = FinalOfLargeSquare(
+        count,
+        [&](uint32_t point, Pixel home, int64_t t) -> Seen {
+          if (t == 0) return {home};
+          return {{x(random), y(random)}, point * 5 % count < visible};
+        },
+        2);
+    moved += LargestStep(samples) > 0 ? 1 : 0;
+  }
+  return moved;
+}
+
+TEST(ObjectGroupTest, VotesThatHaveNothingInCommonHardlyEverMoveIt) {
+  for (const float width : {120.0f, 30.0f}) {
+    for (uint32_t visible = 6; visible <= 10; ++visible) {
+      SCOPED_TRACE(testing::Message() << visible << " visible ones over " << width << " pixels");
+      EXPECT_LE(MovedByChance(48, visible, width), 5);
+      EXPECT_LE(MovedByChance(visible, visible, width), 5) << "of as many";
+    }
+  }
+}
+
+// It goes to the right by 8 pixels a frame; of the points that are outside every fifth is said to be visible, somewhere
+// at the frame's border.
+TEST(ObjectGroupTest, AnObjectThatLeavesTheFrameDoesNotJump) {
+  for (const uint32_t count : {12, 24, 48, 64}) {
+    SCOPED_TRACE(count);
+    std::mt19937 random(3);
+    std::uniform_real_distribution<float> off(0, 30), y(120, 260);
+    const auto samples = FinalOfLargeSquare(
+        count,
+        [&](uint32_t i, Pixel home, int64_t t) -> Seen {
+          const Pixel at{home.x + 8 * static_cast<float>(t), home.y};
+          if (at.x <= kFrameRight) return {at};
+          return {{kFrameRight - off(random), y(random)}, i % 5 == 0};
+        },
+        80);
+    ASSERT_THAT(samples, SizeIs(80));
+    EXPECT_LT(LargestStep(samples), 30) << "a few steps";
+    EXPECT_NEAR(samples[35].centre.x, 200 + 8 * 35, 4) << "while most of it is in sight";
+    EXPECT_GT(samples[79].centre.x, 480);
+    EXPECT_NEAR(samples[79].centre.y, 190, 40);
+    EXPECT_NEAR(samples[79].scale, 1, 0.3);
+  }
+}
+
+TEST(ObjectGroupTest, FewPointsThatAgreeAreFollowedInSmallStepsAlone) {
+  for (const float step : {12.0f, 60.0f}) {
+    const auto samples = FinalOfLargeSquare(
+        48,
+        [step](uint32_t i, Pixel home, int64_t t) -> Seen {
+          return {{home.x + step * static_cast<float>(t), home.y}, t == 0 || i % 7 == 0};
+        },
+        4);
+    EXPECT_NEAR(samples[3].centre.x, step < 20 ? 200 + 3 * step : 200, 1e-3);
+  }
+}
+
+TEST(ObjectGroupTest, AnObjectOfFewPointsIsFollowedHoweverFast) {
+  for (const uint32_t count : {3, 4, 5}) {
+    const auto samples = FinalOfLargeSquare(
+        count,
+        [](uint32_t, Pixel home, int64_t t) -> Seen {
+          return {{home.x + 70 * static_cast<float>(t), home.y}};
+        },
+        5);
+    EXPECT_NEAR(samples[4].centre.x, 480, 1e-3) << count;
+  }
+}
+
+TEST(ObjectGroupTest, AnObjectOfFewPointsMayLoseOne) {
+  for (const uint32_t count : {4, 5, 6}) {
+    const auto samples = FinalOfLargeSquare(
+        count,
+        [](uint32_t i, Pixel home, int64_t t) -> Seen {
+          return {{home.x + (i == 0 ? 0 : 10 * static_cast<float>(t)), home.y}};
+        },
+        20);
+    EXPECT_NEAR(samples[19].centre.x, 390, 1e-3) << count;
+    EXPECT_THAT(samples[19].left, ElementsAre(ObjectPointId(kId, 0))) << count;
+  }
 }
 
 bool Same(const ObjectSample& a, const ObjectSample& b) {

@@ -47,12 +47,13 @@ TEST(FitSimilarityTest, FindsTheMotionThatAllFollow) {
   const Similarity motion = Of(1.3, 0.4, 25, 7);
   const auto found = FitSimilarity(Moved(12, motion), 1, Similarity());
   ASSERT_TRUE(found);
-  EXPECT_NEAR(found->scale(), 1.3, 1e-5);
-  EXPECT_NEAR(found->rotation(), 0.4, 1e-5);
-  EXPECT_NEAR(found->tx, 25, 1e-3);
+  EXPECT_EQ(found->agree, 12u);
+  EXPECT_NEAR(found->motion.scale(), 1.3, 1e-5);
+  EXPECT_NEAR(found->motion.rotation(), 0.4, 1e-5);
+  EXPECT_NEAR(found->motion.tx, 25, 1e-3);
 }
 
-// Of 40 displacements 24 go nowhere in common: far more than a mean, or a median of each coordinate, would stand.
+// Of 40 displacements 16 go nowhere in common: far more than a mean, or a median of each coordinate, would stand.
 TEST(FitSimilarityTest, FollowsTheLargestGroupThatAgrees) {
   std::mt19937 random(7);
   std::uniform_real_distribution<float> anywhere(-200, 200);
@@ -60,8 +61,9 @@ TEST(FitSimilarityTest, FollowsTheLargestGroupThatAgrees) {
   for (size_t i = 0; i < 24; ++i) moved[i * 5 % 40 + i / 8 % 2].to = {anywhere(random), anywhere(random)};
   const auto found = FitSimilarity(moved, 1.5, Similarity());
   ASSERT_TRUE(found);
-  EXPECT_NEAR(found->scale(), 0.8, 1e-3);
-  EXPECT_NEAR(found->rotation(), -0.3, 1e-3);
+  EXPECT_EQ(found->agree, 24u);
+  EXPECT_NEAR(found->motion.scale(), 0.8, 1e-3);
+  EXPECT_NEAR(found->motion.rotation(), -0.3, 1e-3);
 }
 
 TEST(FitSimilarityTest, SaysNothingWhereTooFewAgree) {
@@ -88,7 +90,7 @@ TEST(FitSimilarityTest, AnEvenChoiceOfPairsIsEnoughForManyPoints) {
   moved[0].to = motion.Map(moved[0].from);
   const auto found = FitSimilarity(moved, 1, Similarity());
   ASSERT_TRUE(found);
-  EXPECT_NEAR(found->tx, 300, 1e-2);
+  EXPECT_NEAR(found->motion.tx, 300, 1e-2);
 }
 
 }  // namespace
