@@ -2,7 +2,6 @@
 #include "server/engine/input/object_input.h"
 
 #include <algorithm>
-#include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -104,18 +103,65 @@ GrayImage FillPolygon(const std::vector<Pixel>& polygon, ImageSize frame) {
   return mask;
 }
 
-std::vector<PointQuery> PlaceOn(GrayImage& mask, const ObjectQuery& object, const GrayImage& gray) {
-  GrayImage scaled{gray.size, std::vector<uint8_t>(Pixels(gray.size))};
-  cv::Mat target = ViewMask(scaled);
-  cv::resize(ViewMask(mask), target, target.size(), 0, 0, cv::INTER_NEAREST);
-  const ImageSize frame = mask.size;
-  const auto place = [](float at, int size, int gray_size) {
-    return std::min(at * static_cast<float>(size) / static_cast<float>(gray_size), static_cast<float>(size - 1));
-  };
+// How the pixels along one side of a frame are shared out among those of its picture in grey. Where the picture is
+// smaller each of them has a stretch of its own; where it is larger, several have the same pixel.
+struct Sharing {
+  int frame;
+  int gray;
+
+  int Begin(int at) const { return static_cast<int>(int64_t{at} * frame / gray); }
+  int End(int at) const { return std::max(Begin(at) + 1, Begin(at + 1)); }
+  // Where a pixel of the grey picture lies, of whose stretch 'covered' is a part of the object.
+  float Place(int at, int covered) const {
+    if (gray <= frame) return static_cast<float>(covered);
+    const float place = static_cast<float>(at) * static_cast<float>(frame) / static_cast<float>(gray);
+    return std::min(place, static_cast<float>(frame - 1));
+  }
+};
+
+// A mask, looked at by the pixels of a picture of another size.
+class SharedMask {
+ public:
+  SharedMask(const GrayImage& mask, ImageSize gray)
+      : mask_(mask), x_{mask.size.width, gray.width}, y_{mask.size.height, gray.height} {}
+
+  // Covers whatever has a covered pixel in its share, so that no part of the mask is too thin to be seen.
+  GrayImage Shrunk() const {
+    GrayImage shrunk{{x_.gray, y_.gray}, {}};
+    shrunk.pixels.reserve(Pixels(shrunk.size));
+    for (int y = 0; y < y_.gray; ++y) {
+      for (int x = 0; x < x_.gray; ++x) shrunk.pixels.push_back(FirstCovered(x, y) ? 255 : 0);
+    }
+    return shrunk;
+  }
+
+  // REQUIRES: the pixel is covered.
+  Pixel Place(int x, int y) const {
+    const cv::Point covered = *FirstCovered(x, y);
+    return {x_.Place(x, covered.x), y_.Place(y, covered.y)};
+  }
+
+ private:
+  std::optional<cv::Point> FirstCovered(int x, int y) const {
+    const int left = x_.Begin(x), right = x_.End(x);
+    for (int row = y_.Begin(y); row < y_.End(y); ++row) {
+      const uint8_t* pixels = &mask_.pixels[static_cast<size_t>(row) * static_cast<size_t>(x_.frame)];
+      const uint8_t* found = std::find_if(pixels + left, pixels + right, [](uint8_t pixel) { return pixel != 0; });
+      if (found != pixels + right) return cv::Point(static_cast<int>(found - pixels), row);
+    }
+    return std::nullopt;
+  }
+
+  const GrayImage& mask_;
+  const Sharing x_, y_;
+};
+
+std::vector<PointQuery> PlaceOn(const GrayImage& mask, const ObjectQuery& object, const GrayImage& gray) {
+  const SharedMask shared(mask, gray.size);
   std::vector<PointQuery> points;
-  for (const FlowPoint& at : PlacePoints(gray, scaled, PointsOf(object))) {
-    points.push_back({ObjectPointId(object.id, static_cast<uint32_t>(points.size())),
-                      place(at.x, frame.width, gray.size.width), place(at.y, frame.height, gray.size.height)});
+  for (const FlowPoint& at : PlacePoints(gray, shared.Shrunk(), PointsOf(object))) {
+    const Pixel place = shared.Place(static_cast<int>(at.x), static_cast<int>(at.y));
+    points.push_back({ObjectPointId(object.id, static_cast<uint32_t>(points.size())), place.x, place.y});
   }
   return points;
 }
