@@ -16,6 +16,12 @@ namespace {
 constexpr int kHeldQuality = 97;
 constexpr int kMostTrailFrames = 10'000;
 
+// As the file's index says, which is written last: a file that lacks its end says none.
+int64_t CountFrames(const std::string& path) {
+  const cv::VideoCapture video(path, cv::CAP_FFMPEG);
+  return video.isOpened() ? static_cast<int64_t>(video.get(cv::CAP_PROP_FRAME_COUNT)) : 0;
+}
+
 }  // namespace
 
 absl::Status OverlayVideo::Options::Validate() const {
@@ -101,7 +107,10 @@ absl::Status OverlayVideo::OpenWriter() {
 }
 
 void OverlayVideo::Write(int64_t number, cv::Mat picture) {
-  if (!options_.video.empty()) writer_.write(picture);
+  if (!options_.video.empty()) {
+    writer_.write(picture);
+    ++written_;
+  }
   if (options_.show) show_(picture);
   if (options_.still_frame < 0 || number <= options_.still_frame) still_ = std::move(picture);
 }
@@ -116,9 +125,19 @@ absl::Status OverlayVideo::Close() {
 absl::Status OverlayVideo::CloseVideo() {
   if (!file_) return absl::OkStatus();
   writer_.release();
-  const absl::Status status = file_->Commit();
+  absl::Status status = CheckVideo();
+  if (status.ok()) status = file_->Commit();
   file_.reset();
   return status;
+}
+
+// The writer does not say what it could not write.
+absl::Status OverlayVideo::CheckVideo() const {
+  try {
+    if (CountFrames(std::filesystem::absolute(file_->temporary()).string()) == written_) return absl::OkStatus();
+  } catch (const cv::Exception&) {
+  }
+  return absl::DataLossError(absl::StrCat(options_.video, ": is not whole (is the disk full?)"));
 }
 
 absl::Status OverlayVideo::CloseStill() {

@@ -46,11 +46,13 @@ class OverlayVideo {
   // Paints the frames held that come before frame 'end' as 'table' has them; they are not painted again.
   absl::Status Paint(const TrackTable& table, int64_t end);
   // Gives the files their names. Frames that are still held are left out; where none was painted no file is written.
+  // DATA_LOSS for a video that does not have every painted frame, as on a full disk; an older file stays.
   absl::Status Close();
 
  private:
   absl::Status OpenWriter();
   absl::Status CloseVideo();
+  absl::Status CheckVideo() const;
   absl::Status CloseStill();
   absl::Status Hold(std::vector<uint8_t> jpeg);
   absl::StatusOr<cv::Mat> TakeHeld();
@@ -66,6 +68,7 @@ class OverlayVideo {
   int64_t painted_ = 0;                    // frames
   std::optional<PendingFile> file_;        // of the open video; outlives its writer
   cv::VideoWriter writer_;
+  int64_t written_ = 0;  // frames
   cv::Mat still_;
 };
 

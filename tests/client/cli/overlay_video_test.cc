@@ -3,7 +3,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
@@ -30,6 +32,24 @@ std::vector<cv::Mat> Frames(const std::string& path) {
   for (cv::Mat frame; video.read(frame);) frames.push_back(frame.clone());
   return frames;
 }
+
+// No file of this process grows beyond so many bytes while this lives, as on a full disk.
+class SmallFiles {
+ public:
+  explicit SmallFiles(rlim_t bytes) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit small{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &small);
+  }
+  ~SmallFiles() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  rlimit before_{};
+  void (*const handler_)(int) = std::signal(SIGXFSZ, SIG_IGN);  // writes fail instead
+};
 
 void AddBlack(int count, OverlayVideo& overlay) {
   for (int i = 0; i < count; ++i) ASSERT_THAT(overlay.Add(Black()), IsOk());
@@ -180,6 +200,20 @@ TEST(OverlayVideoTest, AVideoWhoseNameIsTakenIsNamedAndLeavesNothing) {
     EXPECT_THAT(closed.message(), HasSubstr("o.mp4"));
   }
   EXPECT_EQ(dir.Count(), 1u) << "the directory alone";
+}
+
+TEST(OverlayVideoTest, AVideoThatIsNotWholeDoesNotTakeAnOldOnesPlace) {
+  const TempDir dir;
+  std::ofstream(dir.File("o.mp4")) << "old";
+  OverlayVideo overlay({dir.File("o.mp4"), "", -1, 20}, kVideo);
+  AddBlack(3, overlay);
+  {
+    const SmallFiles full(64);
+    ASSERT_THAT(overlay.Paint(MovingPoints(1, 3, 3, true), 3), IsOk());
+    EXPECT_THAT(overlay.Close(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("o.mp4: is not whole")));
+  }
+  EXPECT_EQ(std::filesystem::file_size(dir.File("o.mp4")), 3u);
+  EXPECT_EQ(dir.Count(), 1u);
 }
 
 TEST(OverlayVideoTest, OtherSuffixesAreRefusedAtOnce) {
