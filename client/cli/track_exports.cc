@@ -54,9 +54,19 @@ std::string LabelOf(const TableTrack& track) {
   return HasName(track) ? Escaped(track.start.name) : std::string(kAnyPoint);
 }
 
+// CVAT does not import a file with a track that has no shape.
+bool HasShape(const TableTrack& track, const TrackExtent& extent) {
+  for (int64_t frame = track.first_frame; frame < extent.frames; ++frame) {
+    if (TrackTable::Estimate(track, frame) != nullptr) return true;
+  }
+  return false;
+}
+
 void WriteCvatMeta(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
   std::set<std::string> labels;
-  for (const TableTrack& track : table.tracks()) labels.insert(LabelOf(track));
+  for (const TableTrack& track : table.tracks()) {
+    if (HasShape(track, extent)) labels.insert(LabelOf(track));
+  }
   const int64_t size = extent.frames == 0 ? 0 : table.Number(extent.frames - 1) + 1;
   out << "<meta><task><size>" << size << "</size><mode>interpolation</mode>"
       << "<original_size><width>" << video.size.width << "</width><height>" << video.size.height
@@ -140,7 +150,9 @@ void WriteDeepLabCut(std::ostream& out, const TrackTable& table, const TrackExte
 void WriteCvat(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
   out << "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<annotations>\n<version>1.1</version>\n";
   WriteCvatMeta(out, table, video, extent);
-  for (const TableTrack& track : table.tracks()) WriteCvatTrack(out, table, track, video.size, extent);
+  for (const TableTrack& track : table.tracks()) {
+    if (HasShape(track, extent)) WriteCvatTrack(out, table, track, video.size, extent);
+  }
   out << "</annotations>\n";
 }
 

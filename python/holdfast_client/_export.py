@@ -44,12 +44,14 @@ def _body_parts(tracks: Tracks, names: Mapping[int, str]) -> list[str]:
 
 
 def write_cvat_xml(tracks: Tracks, path: Path, names: Mapping[int, str], size: tuple[int, int] | None) -> None:
-    """CVAT for video 1.1: a track a point, with a shape for each frame on which it is known."""
-    labels = [_label(names.get(int(point), ""), int(point)) for point in tracks.ids]
+    """CVAT for video 1.1: a track a point, with a shape for each frame on which it is known. CVAT does not import a
+    file with a track that has no shape: a point that is known on none is left out, with its label."""
+    labels = {row: _label(names.get(int(point), ""), int(point))
+              for row, point in enumerate(tracks.ids) if not np.isnan(tracks.xy[row, :, 0]).all()}
     with open(path, "w", newline="\n", encoding="utf-8") as file:
         file.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n<version>1.1</version>\n')
-        file.write(_cvat_meta(sorted(set(labels)), tracks.frames, size))
-        for row, label in enumerate(labels):
+        file.write(_cvat_meta(sorted(set(labels.values())), tracks.frames, size))
+        for row, label in labels.items():
             file.write(f'<track id="{tracks.ids[row]}" label="{label}" source="auto">\n')
             file.writelines(_cvat_shapes(tracks, row, size))
             file.write("</track>\n")

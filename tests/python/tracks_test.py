@@ -127,6 +127,13 @@ class FilesTest(unittest.TestCase):
         self.assertEqual([track.get("label") for track in root.iter("track")], ["a b c", "point"])
         self.assertEqual([name.text for name in root.findall("meta/task/labels/label/name")], ["a b c", "point"])
 
+    def test_cvat_gets_no_track_without_a_shape(self):
+        self.tracks.xy[1] = np.nan
+        self.tracks.to_cvat_xml(self.path, names={7: "nose", 9: "late"})
+        root = xml.parse(self.path).getroot()
+        self.assertEqual([track.get("label") for track in root.iter("track")], ["nose"])
+        self.assertEqual([name.text for name in root.findall("meta/task/labels/label/name")], ["nose"])
+
     def test_without_a_size_no_position_is_beyond_it(self):
         self.tracks.to_cvat_xml(self.path)
         root = xml.parse(self.path).getroot()

@@ -16,6 +16,7 @@ namespace holdfast {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 constexpr VideoFacts kSource{{64, 48}, 10};
 constexpr TrackExtent kFiveFrames{5, 5, 5, true};
@@ -63,15 +64,26 @@ TEST(TrackExportsTest, BodyPartsAreToldApart) {
   EXPECT_THAT(out.str(), HasSubstr("bodyparts,paw,paw,paw,paw_2,paw_2,paw_2,3,3,3,paw_2_4,paw_2_4,paw_2_4\n"));
 }
 
+// It would not import the file.
+TEST(TrackExportsTest, CvatHasNoTrackWithoutAShape) {
+  TrackTable table({{{4, 0, 0}, 0, "nose"}, {{7, 0, 0}, 9, "late"}});
+  ASSERT_THAT(table.Apply({{{4, 0, {1}, {2}, {1}, {1}, 1}}, 1, 1}), IsOk());
+  std::ostringstream out;
+  WriteCvat(out, table, kSource, {1, 1, 1, true});
+  EXPECT_THAT(out.str(), HasSubstr("<track id=\"4\" label=\"nose\""));
+  EXPECT_THAT(out.str(), Not(HasSubstr("<track id=\"7\"")));
+  EXPECT_THAT(out.str(), Not(HasSubstr("late")));
+}
+
 TEST(TrackExportsTest, CharactersThatXmlHasNotAreLeftOut) {
   std::ostringstream out;
-  WriteCvat(out,
-            TrackTable({{{1, 0, 0},
-                         0,
-                         std::string("a\x01"
-                                     "b\0c",
-                                     5)}}),
-            kSource, {});
+  TrackTable table({{{1, 0, 0},
+                     0,
+                     std::string("a\x01"
+                                 "b\0c",
+                                 5)}});
+  ASSERT_THAT(table.Apply({{{1, 0, {1}, {2}, {1}, {1}, 1}}, 1, 1}), IsOk());
+  WriteCvat(out, table, kSource, {1, 1, 1, true});
   EXPECT_THAT(out.str(), HasSubstr("label=\"a b c\""));
 }
 
