@@ -21,7 +21,7 @@ namespace {
 
 namespace otlp = opentelemetry::proto::collector::trace::v1;
 
-constexpr absl::Duration kLastWords = absl::Seconds(2);  // for the batches that wait at the end
+constexpr absl::Duration kLastWords = absl::Seconds(2);  // for all batches that are left at the end
 constexpr char kService[] = "holdfast-server";
 
 void AddText(const std::string& key, const std::string& value, otlp::KeyValue* out) {
@@ -65,18 +65,40 @@ class OtlpExporter::Collector {
  public:
   explicit Collector(const std::shared_ptr<grpc::Channel>& channel) : stub_(otlp::TraceService::NewStub(channel)) {}
 
-  // How many spans it refused.
+  // How many spans it refused. One thread at a time.
   absl::StatusOr<int64_t> Export(const std::vector<Span>& spans, absl::Duration timeout) {
     grpc::ClientContext context;
     context.set_deadline(SteadyDeadline(timeout));
     otlp::ExportTraceServiceResponse response;
+    if (!Begin(context)) return absl::CancelledError("no more is sent");
     const grpc::Status status = stub_->Export(&context, ToOtlp(spans), &response);
+    End();
     if (!status.ok()) return absl::UnavailableError(status.error_message());
     return std::clamp<int64_t>(response.partial_success().rejected_spans(), 0, static_cast<int64_t>(spans.size()));
   }
 
+  // Cancels the export that is going on, and those to come.
+  void GiveUp() {
+    absl::MutexLock lock(&mutex_);
+    given_up_ = true;
+    if (current_ != nullptr) current_->TryCancel();
+  }
+
  private:
+  bool Begin(grpc::ClientContext& context) {
+    absl::MutexLock lock(&mutex_);
+    if (!given_up_) current_ = &context;
+    return !given_up_;
+  }
+  void End() {
+    absl::MutexLock lock(&mutex_);
+    current_ = nullptr;
+  }
+
   const std::unique_ptr<otlp::TraceService::Stub> stub_;
+  absl::Mutex mutex_;
+  grpc::ClientContext* current_ ABSL_GUARDED_BY(mutex_) = nullptr;  // of the export that is going on
+  bool given_up_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 absl::StatusOr<std::unique_ptr<OtlpExporter>> OtlpExporter::Create(const Options& options, ServerEvents& events,
@@ -108,6 +130,7 @@ OtlpExporter::~OtlpExporter() {
     stopping_ = true;
     work_.Notify();
   }
+  if (!done_.WaitFor(kLastWords)) collector_->GiveUp();
   thread_.join();
 }
 
@@ -124,17 +147,20 @@ void OtlpExporter::Take(Span span) {
 }
 
 void OtlpExporter::Run() {
-  for (bool stopping = false; !stopping;) {
+  for (bool last = false; !last;) {
     work_.WaitFor(options_.period);
-    {
-      absl::MutexLock lock(&mutex_);
-      stopping = stopping_;
-    }
+    last = stopping();
     for (std::vector<Span> batch = NextBatch(); !batch.empty(); batch = NextBatch()) {
-      Send(batch, stopping ? std::min(options_.timeout, kLastWords) : options_.timeout);
-      if (stopping && failing_) break;
+      Send(batch);
+      if (failing_ && stopping()) break;
     }
   }
+  done_.Notify();
+}
+
+bool OtlpExporter::stopping() const {
+  absl::MutexLock lock(&mutex_);
+  return stopping_;
 }
 
 std::vector<Span> OtlpExporter::NextBatch() {
@@ -145,9 +171,9 @@ std::vector<Span> OtlpExporter::NextBatch() {
   return batch;
 }
 
-void OtlpExporter::Send(const std::vector<Span>& batch, absl::Duration timeout) {
+void OtlpExporter::Send(const std::vector<Span>& batch) {
   const auto spans = static_cast<int64_t>(batch.size());
-  const absl::StatusOr<int64_t> refused = collector_->Export(batch, timeout);
+  const absl::StatusOr<int64_t> refused = collector_->Export(batch, options_.timeout);
   events_.SpansDone(SpanResult::kSent, refused.ok() ? spans - *refused : 0);
   events_.SpansDone(SpanResult::kDropped, refused.ok() ? *refused : spans);
   if (refused.ok() == !failing_) return;  // once for each change

@@ -33,7 +33,7 @@ class OtlpExporter final : public SpanSink {
   // INVALID_ARGUMENT for an endpoint that is none. 'events' must outlive the exporter.
   static absl::StatusOr<std::unique_ptr<OtlpExporter>> Create(const Options& options, ServerEvents& events,
                                                               std::shared_ptr<spdlog::logger> log);
-  // Sends what waits, if the collector takes it soon.
+  // Sends what waits, as far as the collector takes it within two seconds.
   ~OtlpExporter() override;
 
   void Take(Span span) override ABSL_LOCKS_EXCLUDED(mutex_);
@@ -43,8 +43,9 @@ class OtlpExporter final : public SpanSink {
   OtlpExporter(const Options& options, std::unique_ptr<Collector> collector, ServerEvents& events,
                std::shared_ptr<spdlog::logger> log);
   void Run() ABSL_LOCKS_EXCLUDED(mutex_);
+  bool stopping() const ABSL_LOCKS_EXCLUDED(mutex_);
   std::vector<Span> NextBatch() ABSL_LOCKS_EXCLUDED(mutex_);
-  void Send(const std::vector<Span>& batch, absl::Duration timeout);
+  void Send(const std::vector<Span>& batch);
 
   const Options options_;
   const std::unique_ptr<Collector> collector_;
@@ -52,9 +53,10 @@ class OtlpExporter final : public SpanSink {
   const std::shared_ptr<spdlog::logger> log_;
   bool failing_ = false;  // the exporter's thread: the last batch was not taken
 
-  absl::Mutex mutex_;
+  mutable absl::Mutex mutex_;
   std::vector<Span> queue_ ABSL_GUARDED_BY(mutex_);
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  SteadyEvent done_;    // nothing is sent any more
   SteadyEvent work_;    // a batch is full, or stopping_ was set
   std::thread thread_;  // last: it uses the rest
 };

@@ -15,6 +15,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
+#include "api/clock.h"
 #include "opentelemetry/trace_service.grpc.pb.h"
 #include "server/logging.h"
 #include "tests/support/fake_engine.h"
@@ -206,6 +207,26 @@ TEST_F(QueueTest, ACollectorThatIsAwayCostsSpansAlone) {
   exporter->Take(MakeSpan());
   exporter.reset();
   EXPECT_EQ(Count("dropped"), 1);
+}
+
+TEST_F(QueueTest, ACollectorThatStallsHoldsNoShutdownUp) {
+  absl::Notification asked, go_on;
+  Collector collector([&] {
+    if (!asked.HasBeenNotified()) asked.Notify();
+    go_on.WaitForNotification();
+  });
+  options_.period = absl::InfiniteDuration();
+  options_.timeout = absl::Seconds(15);
+  options_.max_batch = 1;
+  auto exporter = Start(collector.address());
+  for (int i = 0; i < 8; ++i) exporter->Take(MakeSpan());
+  asked.WaitForNotification();
+  const SystemClock clock;
+  const SteadyTime begin = clock.SteadyNow();
+  exporter.reset();
+  EXPECT_LT(clock.Since(begin), options_.timeout / 2) << "not even one batch has all of its time";
+  EXPECT_EQ(Count("sent"), 0);
+  go_on.Notify();
 }
 
 TEST_F(QueueTest, AnEndpointIsCheckedAtStart) {
