@@ -12,6 +12,7 @@
 #include "absl/strings/string_view.h"
 #include "client/cli/track_output.h"
 #include "client/cli/track_run.h"
+#include "client/cli/track_writer.h"
 #include "client/cli/video.h"
 #include "io/atomic_file.h"
 
@@ -20,11 +21,18 @@ namespace {
 
 constexpr int64_t kMostFrames = int64_t{1} << 40;
 
+// What is written beside --out; empty: nothing is.
+std::string ObjectsFile(const TrackOptions& options) {
+  return options.points.mask.empty() ? "" : ObjectsFileOf(options.out);
+}
+
 // No output takes the place of what is read, or of another one.
 absl::Status CheckDistinct(const TrackOptions& options) {
+  const std::string objects = ObjectsFile(options);
   const std::pair<absl::string_view, const std::string&> names[] = {
-      {"INPUT", options.input}, {"--points", options.points.file},    {"--mask", options.points.mask},
-      {"--out", options.out},   {"--overlay", options.overlay.video}, {"--still", options.overlay.still}};
+      {"INPUT", options.input},     {"--points", options.points.file},    {"--mask", options.points.mask},
+      {"--out", options.out},       {"--overlay", options.overlay.video}, {"--still", options.overlay.still},
+      {"objects of --out", objects}};
   constexpr size_t kFirstOutput = 3;
   std::error_code ignored;
   for (size_t i = kFirstOutput; i < std::size(names); ++i) {
@@ -44,7 +52,7 @@ absl::Status CheckDistinct(const TrackOptions& options) {
 
 absl::Status CheckOutputs(const TrackOptions& options) {
   if (absl::Status distinct = CheckDistinct(options); !distinct.ok()) return distinct;
-  for (const std::string& path : {options.overlay.video, options.overlay.still}) {
+  for (const std::string& path : {options.overlay.video, options.overlay.still, ObjectsFile(options)}) {
     const absl::Status writable = path.empty() ? absl::OkStatus() : CheckWritable(path);
     if (!writable.ok()) return writable;
   }

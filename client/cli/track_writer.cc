@@ -124,13 +124,6 @@ void WriteObjectsCsv(std::ostream& out, const TrackTable& table, const TrackExte
   }
 }
 
-// x.objects.csv of x.csv.
-std::string ObjectsPath(absl::string_view path) {
-  constexpr absl::string_view kSuffix = ".csv";
-  return absl::StrCat(path.substr(0, path.size() - kSuffix.size()), ".objects",
-                      path.substr(path.size() - kSuffix.size()));
-}
-
 absl::Status WriteObjects(const std::string& path, const TrackTable& table, const TrackExtent& extent) {
   return WriteAtomically(path, [&](const std::string& temporary) {
     std::ofstream out(temporary, std::ios::binary);
@@ -176,17 +169,24 @@ absl::StatusOr<TrackFormat> TrackFormatOf(absl::string_view path) {
       absl::StrCat(path, ": track files end in .json, .csv, .npz, .dlc.csv, .xml or .3de.txt"));
 }
 
+std::string ObjectsFileOf(absl::string_view path) {
+  constexpr absl::string_view kSuffix = ".csv";
+  const absl::StatusOr<TrackFormat> format = TrackFormatOf(path);
+  if (!format.ok() || *format != TrackFormat::kCsv) return "";
+  return absl::StrCat(path.substr(0, path.size() - kSuffix.size()), ".objects",
+                      path.substr(path.size() - kSuffix.size()));
+}
+
 absl::Status WriteTracks(const std::string& path, const TrackTable& table, const VideoFacts& video,
                          const TrackExtent& extent) {
   const absl::StatusOr<TrackFormat> format = TrackFormatOf(path);
   if (!format.ok()) return format.status();
-  if (*format == TrackFormat::kCsv && table.object()) {
-    if (absl::Status written = WriteObjects(ObjectsPath(path), table, extent); !written.ok()) return written;
-  }
-  return WriteAtomically(path, [&](const std::string& temporary) {
+  const absl::Status written = WriteAtomically(path, [&](const std::string& temporary) {
     if (*format == TrackFormat::kNpz) return WriteNpz(temporary, TrackArrays(table, video, extent));
     return WriteText(temporary, *format, table, video, extent);
   });
+  const std::string objects = table.object() ? ObjectsFileOf(path) : "";
+  return !written.ok() || objects.empty() ? written : WriteObjects(objects, table, extent);
 }
 
 }  // namespace holdfast

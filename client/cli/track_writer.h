@@ -44,7 +44,11 @@ struct VideoFacts {
   double fps = 0;
 };
 
-// Writes the estimates of 'table' under 'path', atomically. REQUIRES: extent.frames >= table.estimated_frames().
+// x.objects.csv of an x.csv; empty for other formats, which have objects in the file itself or not at all.
+std::string ObjectsFileOf(absl::string_view path);
+
+// Writes the estimates of 'table' under 'path', atomically, and after that the table's object where it has a file of
+// its own. REQUIRES: extent.frames >= table.estimated_frames().
 absl::Status WriteTracks(const std::string& path, const TrackTable& table, const VideoFacts& video,
                          const TrackExtent& extent);
 

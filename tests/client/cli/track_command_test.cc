@@ -18,6 +18,7 @@
 namespace holdfast {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 TEST_F(TrackCommandTest, WritesTracksOverlayAndStillOfAllFrames) {
@@ -341,6 +342,18 @@ TEST_F(TrackCommandTest, NoOutputTakesThePlaceOfAnInputOrOfAnother) {
   options_.points.mask.clear();
   std::filesystem::create_symlink(options_.points.file, dir_.File("overlay.mp4"));
   EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("is --points, too")));
+  options_.overlay.video.clear();
+  options_.overlay.still.clear();
+  options_.points.file = dir_.File("t.objects.csv");
+  options_.out = dir_.File("t.csv");
+  Points("1,10,20\n");
+  Mask();
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument,
+                                     AllOf(HasSubstr("objects of --out"), HasSubstr("is --points, too"))));
+  options_.points.file.clear();
+  std::filesystem::remove(dir_.File("t.objects.csv"));
+  std::filesystem::create_directory(dir_.File("t.objects.csv"));
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("t.objects.csv: is a directory")));
   EXPECT_EQ(connections_, 0);
 }
 

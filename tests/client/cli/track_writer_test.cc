@@ -128,6 +128,9 @@ TEST(TrackWriterTest, FilesHoldTheObjectOnTheFramesOfTheInputThatItIsKnownOn) {
   EXPECT_EQ(Content(dir.File("t.objects.csv")),
             "object,frame,x,y,scale,rotation,visible,outline,left,joined\n"
             "1,9,3.500,4.000,1.2500,-0.5000,0.7500,0.000 1.000;2.000 3.000,5,261\n");
+  std::filesystem::create_directory(dir.File("u.objects.csv"));
+  EXPECT_FALSE(WriteTracks(dir.File("u.csv"), table, kVideo, kPartial).ok());
+  EXPECT_EQ(Content(dir.File("u.csv")), Content(dir.File("t.csv"))) << "its object does not cost the tracks";
   ASSERT_THAT(WriteTracks(dir.File("t.npz"), table, kVideo, kPartial), IsOk());
   const auto array = [&](const char* name) { return ZipMember(dir.File("t.npz"), name).substr(128); };
   EXPECT_EQ(array("left.npy"), std::string("\0\0\0\0\1\0\0\0\0", 9));
