@@ -28,6 +28,7 @@ constexpr char kCameraPrefix[] = "camera:";
 
 bool IsPicture(const fs::path& path) {
   const std::string suffix = absl::AsciiStrToLower(path.extension().string());
+  if (absl::StartsWith(path.filename().string(), ".")) return false;  // "._0001.jpg": what macOS keeps of 0001.jpg
   return suffix == ".jpg" || suffix == ".jpeg" || suffix == ".png";
 }
 
@@ -63,6 +64,15 @@ std::string NameForFfmpeg(const std::string& input) {
   return IsAddress(input) ? input : fs::absolute(input).string();
 }
 
+// A character device of the system's: what lies beside them, as a file in /dev/shm or what a shell gives in place of a
+// name, is read as any other file or pipe.
+bool IsCamera(const std::string& input) {
+  if (absl::StartsWith(input, kCameraPrefix)) return true;
+  if (!absl::StartsWith(input, "/dev/") || input == "/dev/stdin" || absl::StartsWith(input, "/dev/fd/")) return false;
+  std::error_code ignored;
+  return fs::is_character_file(input, ignored);
+}
+
 // Whether a video of so many seconds cannot have ended 'at' these: FFmpeg takes a file that is cut off for one that has
 // ended. Lengths are inexact, and some formats have no times: 'at' is 0 then.
 bool IsCutOff(double at, double seconds) { return at > 0 && at + std::max(1.0, 0.1 * seconds) < seconds; }
@@ -77,7 +87,7 @@ FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t f
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input, int64_t first_frame) {
   std::error_code ignored;
-  const bool camera = absl::StartsWith(input, kCameraPrefix) || absl::StartsWith(input, "/dev/");
+  const bool camera = IsCamera(input);
   const bool stream = input == "-" || IsAddress(input);
   if (!camera && !stream && !fs::exists(input, ignored))
     return absl::NotFoundError(absl::StrCat(input, ": no such file"));

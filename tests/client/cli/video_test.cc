@@ -3,11 +3,17 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
+#include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+#include "tests/client/cli/written_video.h"
 #include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -19,12 +25,21 @@ using ::testing::HasSubstr;
 
 cv::Mat Flat(int width, int height, int value) { return {height, width, CV_8UC3, cv::Scalar::all(value)}; }
 
+absl::StatusOr<int> FramesLeft(FrameSource& source) {
+  for (int frames = 0;; ++frames) {
+    const absl::StatusOr<bool> passed = source.Skip();
+    if (!passed.ok()) return passed.status();
+    if (!*passed) return frames;
+  }
+}
+
 TEST(FrameSourceTest, ADirectoryGivesItsPicturesInTheOrderOfTheirNames) {
   const TempDir dir;
   cv::imwrite(dir.File("b.png"), Flat(8, 6, 20));
   cv::imwrite(dir.File("a.PNG"), Flat(8, 6, 10));
   cv::imwrite(dir.File("c.jpg"), Flat(8, 6, 30));
   std::ofstream(dir.File("notes.txt")) << "not a frame";
+  std::ofstream(dir.File("._a.png")) << "what macOS keeps of it";
   const auto source = FrameSource::Open(dir.path().string());
   ASSERT_THAT(source, IsOk());
   EXPECT_EQ((*source)->size(), (ImageSize{8, 6}));
@@ -67,6 +82,28 @@ TEST(FrameSourceTest, AVideoFileGivesAllItsFrames) {
   int frames = 0;
   while (!(*source)->Next()->empty()) ++frames;
   EXPECT_EQ(frames, 160);
+}
+
+TEST(FrameSourceTest, NotAllBelowDevIsACamera) {
+  const std::string name = absl::StrCat("/dev/shm/holdfast-", getpid(), ".avi");
+  if (access("/dev/shm", W_OK) == 0) {
+    WriteVideo(name, "MJPG", 10, 3);
+    const auto source = FrameSource::Open(name);
+    std::filesystem::remove(name);
+    EXPECT_THAT(source, IsOk());
+  }
+  const TempDir dir;
+  WriteVideo(dir.File("a.avi"), "MJPG", 10, 3);
+  const std::string bytes = BytesOf(dir.File("a.avi"));
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  ASSERT_EQ(write(ends[1], bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size())) << "fits into a pipe";
+  close(ends[1]);
+  const auto piped = FrameSource::Open(absl::StrCat("/dev/fd/", ends[0]));
+  close(ends[0]);
+  ASSERT_THAT(piped, IsOk());
+  EXPECT_THAT(FramesLeft(**piped), IsOkAndHolds(3));
+  EXPECT_THAT(FrameSource::Open("/dev/video987"), StatusIs(absl::StatusCode::kNotFound, HasSubstr("no such file")));
 }
 
 TEST(FrameSourceTest, BeginsAtAnyFrameAndPassesOverOthers) {
