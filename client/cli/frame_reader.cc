@@ -53,11 +53,11 @@ absl::StatusOr<InputFrame> FrameReader::Shared::Read() {
   for (; !options.choice.Wants(next); ++next) {
     const absl::StatusOr<bool> passed = source->Skip();
     if (!passed.ok()) return passed.status();
-    if (!*passed) return InputFrame{next, {}, {}};
+    if (!*passed) return InputFrame{next, {}, {}, source->doubt()};
   }
   absl::StatusOr<cv::Mat> picture = source->Next();
   if (!picture.ok()) return picture.status();
-  InputFrame frame{next++, *std::move(picture), {}};
+  InputFrame frame{next++, *std::move(picture), {}, source->doubt()};
   if (source->live()) frame.capture_time = SystemClock().WallNow();
   return frame;
 }

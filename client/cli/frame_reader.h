@@ -5,6 +5,7 @@
 #include <memory>
 #include <opencv2/core.hpp>
 #include <optional>
+#include <string>
 #include <thread>
 
 #include "absl/status/statusor.h"
@@ -18,6 +19,7 @@ struct InputFrame {
   int64_t number = 0;                      // in the input
   cv::Mat picture;                         // [H, W, 3] uint8 BGR; empty behind the last frame
   std::optional<absl::Time> capture_time;  // of a live input: when the frame was read
+  std::string doubt;                       // behind the last frame: as FrameSource::doubt
 };
 
 // Reads the chosen frames of an input, a few ahead, on a thread of its own, so that whoever waits for a camera that

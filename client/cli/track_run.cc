@@ -222,7 +222,10 @@ class TrackRun final : public TrackObserver {
     Frame frame;
     absl::StatusOr<InputFrame> input = reader_.Next();
     if (!input.ok()) return input.status();
-    if (input->picture.empty()) return frame;
+    if (input->picture.empty()) {
+      doubt_ = input->doubt;
+      return frame;
+    }
     absl::StatusOr<std::string> bytes = encoder_.Encode(input->picture);
     if (!bytes.ok()) return bytes.status();
     absl::Status kept = overlay_.Add(input->picture);
@@ -283,6 +286,7 @@ class TrackRun final : public TrackObserver {
   absl::Status WriteFiles(bool complete) {
     absl::MutexLock lock(&mutex_);
     progress_.Close();
+    if (!doubt_.empty()) environment_.log << "warning: " << doubt_ << "\n";
     const TrackExtent extent = Extent(complete);
     if (!complete && extent.frames == 0) {
       environment_.log << "no estimate came, no file is written\n";
@@ -361,6 +365,7 @@ class TrackRun final : public TrackObserver {
   const SystemClock clock_;
   AnswerTimes answers_;
   absl::Status input_error_;       // of the main thread
+  std::string doubt_;              // of the main thread; about the input's end
   std::atomic<bool> over_{false};  // no more frames are wanted
 
   absl::Mutex mutex_;

@@ -17,6 +17,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
+#include "client/cli/declared_length.h"
 
 namespace holdfast {
 namespace {
@@ -73,11 +74,43 @@ bool IsCamera(const std::string& input) {
   return fs::is_character_file(input, ignored);
 }
 
-// Whether a video of so many seconds cannot have ended 'at' these: FFmpeg takes a file that is cut off for one that has
-// ended. Lengths are inexact, and some formats have no times: 'at' is 0 then.
-bool IsCutOff(double at, double seconds) { return at > 0 && at + std::max(1.0, 0.1 * seconds) < seconds; }
-
 }  // namespace
+
+// How far a video was read, beside how long it says it is: FFmpeg takes a file that is cut off for one that has ended.
+class FrameSource::VideoExtent {
+ public:
+  // Of the container; 0: not known. 'seconds' is its longest track's, which may be one of sound.
+  VideoExtent(std::string input, int64_t frames, double seconds)
+      : input_(std::move(input)), frames_(frames), seconds_(seconds) {}
+
+  // 'at': the frame's time; 0 where it has none, as the last ones of a video whose frames are stored out of order.
+  void Passed(double at) {
+    ++passed_;
+    at_ = std::max(at_, at);
+  }
+  // DATA_LOSS where the file itself shows that frames are missing.
+  absl::Status End() {
+    ended_ = true;
+    if (passed_ >= frames_ || !LacksItsEnd(input_)) return absl::OkStatus();
+    return absl::DataLossError(
+        absl::StrFormat("%s: is cut off: it ends after %d of %d frames", input_, passed_, frames_));
+  }
+  // What else is odd about the end, which may be right: lengths are inexact, sound may be longer, and an edit list may
+  // leave frames out. Empty: nothing is, or it has not come.
+  std::string Doubt() const {
+    if (!ended_ || at_ <= 0 || at_ + std::max(1.0, 0.1 * seconds_) >= seconds_) return "";
+    return absl::StrFormat("%s: its pictures end at %.1f of %.1f seconds; is it damaged, or its sound longer?", input_,
+                           at_, seconds_);
+  }
+
+ private:
+  const std::string input_;
+  const int64_t frames_;
+  const double seconds_;
+  int64_t passed_ = 0;  // frames
+  double at_ = 0;       // seconds
+  bool ended_ = false;
+};
 
 FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t frames)
     : input_(std::move(input)),
@@ -106,8 +139,9 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::s
   const double fps = capture->get(cv::CAP_PROP_FPS), frames = capture->get(cv::CAP_PROP_FRAME_COUNT);
   // Where a file does not count its frames OpenCV has taken them from its length and an average rate that may be wrong.
   const double seconds = std::isfinite(frames / fps) ? frames / fps : 0;
+  const VideoExtent extent(input, std::llround(frames), seconds);
   return std::unique_ptr<FrameSource>(
-      new FrameSource(input, ReaderOf(input, capture, seconds), fps, std::llround(frames)));
+      new FrameSource(input, ReaderOf(input, capture, extent), fps, std::llround(frames)));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const std::string& input) {
@@ -128,7 +162,8 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const st
     if (frame.ok() && frame->empty()) return absl::DataLossError(absl::StrCat(path, ": is not a picture"));
     return frame;
   };
-  return std::unique_ptr<FrameSource>(new FrameSource(input, {advance, retrieve}, kDefaultFps, count));
+  return std::unique_ptr<FrameSource>(
+      new FrameSource(input, {advance, retrieve, [] { return ""; }}, kDefaultFps, count));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::string& input) {
@@ -142,19 +177,20 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::
   if (!capture->open(device, cv::CAP_V4L2))
     return absl::NotFoundError(absl::StrCat(input, ": no camera answers there"));
   return std::unique_ptr<FrameSource>(
-      new FrameSource(input, ReaderOf(input, capture, 0), capture->get(cv::CAP_PROP_FPS), 0));
+      new FrameSource(input, ReaderOf(input, capture, VideoExtent(input, 0, 0)), capture->get(cv::CAP_PROP_FPS), 0));
 }
 
 FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture,
-                                          double seconds) {
-  const auto advance = [input, capture, seconds, at = 0.0]() mutable -> absl::StatusOr<bool> {
+                                          const VideoExtent& length) {
+  const auto extent = std::make_shared<VideoExtent>(length);
+  const auto advance = [input, capture, extent]() -> absl::StatusOr<bool> {
     absl::StatusOr<bool> grabbed = WithoutException(input, [&] { return capture->grab(); });
     if (!grabbed.ok()) return grabbed;
-    if (!*grabbed && IsCutOff(at, seconds)) {
-      return absl::DataLossError(
-          absl::StrFormat("%s: ends at %.1f of %.1f seconds; is it cut off or damaged?", input, at, seconds));
+    if (*grabbed) {
+      extent->Passed(capture->get(cv::CAP_PROP_POS_MSEC) / 1000);
+    } else if (absl::Status whole = extent->End(); !whole.ok()) {
+      return whole;
     }
-    if (*grabbed) at = capture->get(cv::CAP_PROP_POS_MSEC) / 1000;
     return grabbed;
   };
   const auto retrieve = [input, capture] {
@@ -164,7 +200,7 @@ FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::s
       return frame.clone();  // the next frame reuses the memory
     });
   };
-  return {advance, retrieve};
+  return {advance, retrieve, [extent] { return extent->Doubt(); }};
 }
 
 absl::Status FrameSource::ReadFirst(int64_t frame) {

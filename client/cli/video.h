@@ -24,30 +24,35 @@ class FrameSource {
   // error here.
   static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input, int64_t first_frame = 0);
 
-  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame. DATA_LOSS for a broken frame and for a video
-  // that ends long before it said it would.
+  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame. DATA_LOSS for a broken frame and for a file
+  // that is cut off: it has fewer bytes and fewer frames than its container says.
   absl::StatusOr<cv::Mat> Next();
   // Passes over the frame that Next would give, in a fraction of the time; false where there is none.
   absl::StatusOr<bool> Skip();
 
   ImageSize size() const { return {first_.cols, first_.rows}; }
-  double fps() const { return fps_; }         // a guess of 30 where the input does not say
+  double fps() const { return fps_; }  // 30 for a directory, and as a guess where the input does not say
   int64_t frames() const { return frames_; }  // as the input announces; 0: not known
   // Whether frames come whether somebody takes them or not, as those of cameras and of whatever does not say how long
   // it is.
   bool live() const { return frames_ == 0; }
+  // After the last frame: why it may have come too early, in words; empty where nothing speaks for it. Of the thread
+  // that reads.
+  std::string doubt() const { return reader_.doubt(); }
 
  private:
+  class VideoExtent;
   struct Reader {
     std::function<absl::StatusOr<bool>()> advance;      // to the next frame; false: there is none
     std::function<absl::StatusOr<cv::Mat>()> retrieve;  // the frame that is advanced to
+    std::function<std::string()> doubt;
   };
   FrameSource(std::string input, Reader reader, double fps, int64_t frames);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenVideo(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenDirectory(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenCamera(const std::string& input);
-  // 'seconds': the length that the input announces; 0: none.
-  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture, double seconds);
+  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture,
+                         const VideoExtent& length);
   absl::Status ReadFirst(int64_t frame);
   absl::StatusOr<cv::Mat> Read();
 

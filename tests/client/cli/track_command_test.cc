@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "tests/client/cli/track_command_fixture.h"
+#include "tests/client/cli/written_video.h"
 #include "tests/support/status_matchers.h"
 
 namespace holdfast {
@@ -309,17 +310,13 @@ TEST_F(TrackCommandTest, WhereNothingStartsBeforeTheEndNothingWasTracked) {
 TEST_F(TrackCommandTest, AVideoThatIsCutOffIsNotComplete) {
   options_.input = dir_.File("12:30.avi");  // a colon names no protocol
   options_.overlay.video = dir_.File("12:31.mp4");
-  {
-    cv::VideoWriter writer(options_.input, cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 10,
-                           {64, 48});
-    for (int i = 0; i < 60; ++i) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(i)));
-  }
+  WriteVideo(options_.input, "MJPG", 10, 60);
   FakeTracker whole(MovingRight());
   ASSERT_THAT(Run(whole), IsOk());
   EXPECT_EQ(Tracks()["frames"], 60);
   std::filesystem::resize_file(options_.input, std::filesystem::file_size(options_.input) / 2);
   FakeTracker tracker(MovingRight());
-  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("of 6.0 seconds; is it cut off")));
+  EXPECT_THAT(Run(tracker), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("of 60 frames")));
   const auto json = Tracks();
   EXPECT_EQ(json["complete"], false);
   EXPECT_EQ(json["expected_frames"], 60);
@@ -327,6 +324,18 @@ TEST_F(TrackCommandTest, AVideoThatIsCutOffIsNotComplete) {
   options_.max_frames = 20;
   FakeTracker shorter(MovingRight());
   EXPECT_THAT(Run(shorter), IsOk()) << "no more were wanted";
+}
+
+// A container's length is that of its longest track, which may be one of sound.
+TEST_F(TrackCommandTest, AVideoWhoseContainerIsLongerIsCompleteAndDoubted) {
+  options_.input = dir_.File("sound.mkv");
+  WriteVideo(options_.input, "MJPG", 10, 60);
+  PatchMatroska(options_.input, "\x44\x89\x88", std::string("\x40\xD3\x88\0\0\0\0\0", 8));  // 20000 ms
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  EXPECT_EQ(Tracks()["complete"], true);
+  EXPECT_EQ(Tracks()["frames"], 60);
+  EXPECT_THAT(log_.str(), HasSubstr("warning: " + options_.input + ": its pictures end at 5.9 of 20.0 seconds"));
 }
 
 TEST_F(TrackCommandTest, NoOutputTakesThePlaceOfAnInputOrOfAnother) {

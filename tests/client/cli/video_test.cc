@@ -84,6 +84,35 @@ TEST(FrameSourceTest, AVideoFileGivesAllItsFrames) {
   EXPECT_EQ(frames, 160);
 }
 
+// Of frames that are stored out of order the last ones have no time.
+TEST(FrameSourceTest, AFileThatIsCutOffIsAnError) {
+  const TempDir dir;
+  for (const auto& [name, codec] : std::vector<std::pair<std::string, const char*>>{
+           {"a.avi", "MJPG"}, {"b.mkv", "avc1"}, {"c.mkv", "MJPG"}, {"d.mkv", "mp4v"}}) {
+    const std::string path = dir.File(name);
+    WriteVideo(path, codec, 10, 60);
+    const auto whole = FrameSource::Open(path);
+    ASSERT_THAT(whole, IsOk());
+    EXPECT_THAT(FramesLeft(**whole), IsOkAndHolds(60)) << name;
+    EXPECT_EQ((*whole)->doubt(), "") << name;
+    std::filesystem::resize_file(path, std::filesystem::file_size(path) * 2 / 3);
+    const auto source = FrameSource::Open(path);
+    ASSERT_THAT(source, IsOk());
+    EXPECT_THAT(FramesLeft(**source), StatusIs(absl::StatusCode::kDataLoss, HasSubstr(name + ": is cut off"))) << name;
+  }
+}
+
+TEST(FrameSourceTest, AnMp4WithoutItsEndIsAnErrorWhereItsIndexComesFirst) {
+  const TempDir dir;
+  const std::string bytes = WithIndexFirst(BytesOf(InSourceTree("media/pedestrians.mp4")));
+  std::ofstream(dir.File("whole.mp4"), std::ios::binary) << bytes;
+  EXPECT_THAT(FramesLeft(**FrameSource::Open(dir.File("whole.mp4"))), IsOkAndHolds(160));
+  std::ofstream(dir.File("cut.mp4"), std::ios::binary) << bytes.substr(0, bytes.size() / 2);
+  const auto source = FrameSource::Open(dir.File("cut.mp4"));
+  ASSERT_THAT(source, IsOk());
+  EXPECT_THAT(FramesLeft(**source), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("of 160 frames")));
+}
+
 TEST(FrameSourceTest, NotAllBelowDevIsACamera) {
   const std::string name = absl::StrCat("/dev/shm/holdfast-", getpid(), ".avi");
   if (access("/dev/shm", W_OK) == 0) {
