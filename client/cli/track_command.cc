@@ -116,6 +116,10 @@ absl::Status RunTrack(const TrackOptions& options, const TrackEnvironment& envir
   if (!view.ok()) return view.status();
   auto source = FrameSource::Open(options.input, options.start_frame);
   if (!source.ok()) return source.status();
+  if ((*source)->fps_is_guess()) {
+    environment.log << "warning: " << options.input << ": does not say how many frames a second it has; taken for "
+                    << (*source)->fps() << "\n";
+  }
   auto points = CollectPoints(options.points, (*source)->size(), options.start_frame);
   if (!points.ok()) return points.status();
   auto object = CollectObject(options.points, (*source)->size(), *points, options.start_frame);

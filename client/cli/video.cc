@@ -25,6 +25,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kDefaultFps = 30;
+constexpr double kMostFps = 20'000;    // of high-speed cameras
+constexpr double kDoubtfulFps = 1000;  // from here on FFmpeg may give a clock's ticks for a rate
 constexpr char kCameraPrefix[] = "camera:";
 
 bool IsPicture(const fs::path& path) {
@@ -33,7 +35,7 @@ bool IsPicture(const fs::path& path) {
   return suffix == ".jpg" || suffix == ".jpeg" || suffix == ".png";
 }
 
-double UsableFps(double fps) { return std::isfinite(fps) && fps > 0 && fps < 1000 ? fps : kDefaultFps; }
+bool IsRate(double fps) { return std::isfinite(fps) && fps > 0 && fps <= kMostFps; }
 
 template <typename Call>
 auto WithoutException(const std::string& name, const Call& call) -> absl::StatusOr<decltype(call())> {
@@ -72,6 +74,26 @@ bool IsCamera(const std::string& input) {
   if (!absl::StartsWith(input, "/dev/") || input == "/dev/stdin" || absl::StartsWith(input, "/dev/fd/")) return false;
   std::error_code ignored;
   return fs::is_character_file(input, ignored);
+}
+
+// By the times of a file's first frames; 0: they do not say.
+double MeasuredFps(const std::string& input) {
+  constexpr int kFrames = 30;
+  cv::VideoCapture capture(NameForFfmpeg(input), cv::CAP_FFMPEG);
+  double last = 0;
+  int steps = -1;
+  for (; steps < kFrames && capture.grab(); ++steps) last = std::max(last, capture.get(cv::CAP_PROP_POS_MSEC) / 1000);
+  return last > 0 ? steps / last : 0;
+}
+
+// What OpenCV says, unless that may be the ticks of the container's clock and the frames come at another pace.
+absl::StatusOr<double> FpsOf(const std::string& input, double said) {
+  if (said < kDoubtfulFps) return said;
+  std::error_code ignored;
+  if (!fs::is_regular_file(input, ignored)) return 0;  // what is read once
+  const auto measured = WithoutException(input, [&] { return MeasuredFps(input); });
+  if (!measured.ok()) return measured.status();
+  return std::abs(*measured - said) < 0.1 * said ? said : *measured;
 }
 
 }  // namespace
@@ -115,7 +137,8 @@ class FrameSource::VideoExtent {
 FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t frames)
     : input_(std::move(input)),
       reader_(std::move(reader)),
-      fps_(UsableFps(fps)),
+      fps_(IsRate(fps) ? fps : kDefaultFps),
+      fps_is_guess_(!IsRate(fps)),
       frames_(std::max<int64_t>(0, frames)) {}
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input, int64_t first_frame) {
@@ -139,9 +162,11 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::s
   const double fps = capture->get(cv::CAP_PROP_FPS), frames = capture->get(cv::CAP_PROP_FRAME_COUNT);
   // Where a file does not count its frames OpenCV has taken them from its length and an average rate that may be wrong.
   const double seconds = std::isfinite(frames / fps) ? frames / fps : 0;
+  const absl::StatusOr<double> rate = FpsOf(input, fps);
+  if (!rate.ok()) return rate.status();
   const VideoExtent extent(input, std::llround(frames), seconds);
   return std::unique_ptr<FrameSource>(
-      new FrameSource(input, ReaderOf(input, capture, extent), fps, std::llround(frames)));
+      new FrameSource(input, ReaderOf(input, capture, extent), *rate, std::llround(frames)));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const std::string& input) {

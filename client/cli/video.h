@@ -32,6 +32,7 @@ class FrameSource {
 
   ImageSize size() const { return {first_.cols, first_.rows}; }
   double fps() const { return fps_; }  // 30 for a directory, and as a guess where the input does not say
+  bool fps_is_guess() const { return fps_is_guess_; }
   int64_t frames() const { return frames_; }  // as the input announces; 0: not known
   // Whether frames come whether somebody takes them or not, as those of cameras and of whatever does not say how long
   // it is.
@@ -59,6 +60,7 @@ class FrameSource {
   const std::string input_;
   const Reader reader_;
   const double fps_;
+  const bool fps_is_guess_;
   const int64_t frames_;
   cv::Mat first_;
   bool first_is_next_ = true;

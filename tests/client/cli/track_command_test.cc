@@ -338,6 +338,17 @@ TEST_F(TrackCommandTest, AVideoWhoseContainerIsLongerIsCompleteAndDoubted) {
   EXPECT_THAT(log_.str(), HasSubstr("warning: " + options_.input + ": its pictures end at 5.9 of 20.0 seconds"));
 }
 
+TEST_F(TrackCommandTest, ARateThatTheInputDoesNotSayIsAGuess) {
+  options_.input = dir_.File("one.mkv");
+  WriteVideo(options_.input, "MJPG", 10, 1);
+  PatchMatroska(options_.input, "\x23\xE3\x83\x84", "", "\xEC\x86\x80\x80");  // no time of a frame, but padding
+  Points("1,10,20\n");
+  FakeTracker tracker(MovingRight());
+  ASSERT_THAT(Run(tracker), IsOk());
+  EXPECT_EQ(Tracks()["fps"], 30);
+  EXPECT_THAT(log_.str(), HasSubstr("does not say how many frames a second it has; taken for 30"));
+}
+
 TEST_F(TrackCommandTest, NoOutputTakesThePlaceOfAnInputOrOfAnother) {
   FakeTracker tracker(MovingRight());
   const std::string out = options_.out;

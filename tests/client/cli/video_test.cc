@@ -113,6 +113,17 @@ TEST(FrameSourceTest, AnMp4WithoutItsEndIsAnErrorWhereItsIndexComesFirst) {
   EXPECT_THAT(FramesLeft(**source), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("of 160 frames")));
 }
 
+TEST(FrameSourceTest, RatesOfHighSpeedCamerasAreTaken) {
+  const TempDir dir;
+  for (const double fps : {999.0, 1000.0, 4000.0}) {
+    WriteVideo(dir.File("fast.avi"), "MJPG", fps, 40);
+    const auto source = FrameSource::Open(dir.File("fast.avi"));
+    ASSERT_THAT(source, IsOk());
+    EXPECT_EQ((*source)->fps(), fps);
+    EXPECT_FALSE((*source)->fps_is_guess());
+  }
+}
+
 TEST(FrameSourceTest, NotAllBelowDevIsACamera) {
   const std::string name = absl::StrCat("/dev/shm/holdfast-", getpid(), ".avi");
   if (access("/dev/shm", W_OK) == 0) {
