@@ -28,6 +28,14 @@ std::optional<HostPort> SplitHostPort(absl::string_view address) {
   return parts;
 }
 
+bool PortIsTooLarge(absl::string_view address) {
+  if (absl::StartsWith(address, "unix:")) return false;
+  const absl::string_view port = address.substr(address.rfind(':') + 1);  // of npos: all of it
+  if (port.empty() || port.find_first_not_of("0123456789") != absl::string_view::npos) return false;
+  int number = 0;
+  return !absl::SimpleAtoi(port, &number) || number > kMaxPort;
+}
+
 bool IsLoopback(absl::string_view address) {
   absl::ConsumePrefix(&address, "dns:///");
   return IsLoopbackNumber(address.substr(0, address.find(':'))) || absl::StartsWith(address, "localhost:") ||

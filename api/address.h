@@ -16,6 +16,10 @@ struct HostPort {
 // Of host:port or [host]:port; none where the text is neither.
 std::optional<HostPort> SplitHostPort(absl::string_view address);
 
+// Whether the number behind the last colon is beyond every port, of a URI such as dns:///host:port too: gRPC takes it
+// modulo 65536. Sockets of the file system ("unix:") have no port.
+bool PortIsTooLarge(absl::string_view address);
+
 // Whether host:port means this machine alone, as far as its text says: what goes there crosses no network.
 bool IsLoopback(absl::string_view address);
 

@@ -112,10 +112,16 @@ absl::StatusOr<size_t> ConnectToAny(const std::vector<RemoteServer>& servers, ab
   return absl::UnavailableError(absl::StrJoin(reasons, "; "));
 }
 
+// One address, or a URI of several.
+bool IsAddress(const std::string& address) {
+  const std::vector<absl::string_view> each = absl::StrSplit(address, ',');
+  return absl::StrContains(address, ':') && std::none_of(each.begin(), each.end(), PortIsTooLarge);
+}
+
 absl::Status CheckAddresses(const std::vector<std::string>& addresses) {
   if (addresses.empty()) return InvalidFieldError("addresses", "are missing, expected host:port");
   for (const std::string& address : addresses) {
-    if (absl::StrContains(address, ':')) continue;
+    if (IsAddress(address)) continue;
     return InvalidFieldError("addresses", absl::StrCat("hold \"", address, "\", expected host:port"));
   }
   return absl::OkStatus();

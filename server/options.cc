@@ -45,6 +45,7 @@ absl::Status ServerOptions::Validate() const {
   }
   if (absl::Status status = tls.Validate(); !status.ok()) return status;
   if (listen.empty()) return absl::InvalidArgumentError("listen is empty, expected host:port");
+  if (PortIsTooLarge(listen)) return NoAddress("listen", listen);
   if (!SplitHostPort(metrics_listen)) return NoAddress("metrics_listen", metrics_listen);
   if (!web_listen.empty() && !SplitHostPort(web_listen)) return NoAddress("web_listen", web_listen);
   if (engine.limits.max_points > kMaxPointsInMessage) {

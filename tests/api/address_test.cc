@@ -32,5 +32,16 @@ TEST(AddressTest, SplitsIntoHostAndPort) {
   }
 }
 
+TEST(AddressTest, KnowsPortsThatAreTooLarge) {
+  for (const char* address : {"localhost:65536", "[::1]:70000", "dns:///host:99999", "ipv4:127.0.0.1:70000",
+                              "ipv6:[::1]:70000", "host:99999999999999999999"}) {
+    EXPECT_TRUE(PortIsTooLarge(address)) << address;
+  }
+  for (const char* address : {"localhost:65535", "[::1]:0", "dns:///host:1", "ipv6:[2001:db8::9999]", "host:https",
+                              "unix:/tmp/a:70000", "host:", ""}) {
+    EXPECT_FALSE(PortIsTooLarge(address)) << address;
+  }
+}
+
 }  // namespace
 }  // namespace holdfast

@@ -118,6 +118,7 @@ TEST_F(FlagsTest, ValuesThatCannotBeAreRefusedByName) {
       {"idle_timeout", "0s"},
       {"grace_period", "-1s"},
       {"listen", ""},
+      {"listen", "127.0.0.1:70000"},
       {"keepalive_time", "-inf"},
       {"metrics_listen", ""},
       {"checkpoint_max_age", "0s"},
