@@ -45,14 +45,24 @@ class HttpEndpoint::Impl final : private CivetHandler {
 
  private:
   bool handleGet(CivetServer*, mg_connection* connection) override {
-    const Answer answer = AnswerTo(absl::NullSafeStringView(mg_get_request_info(connection)->local_uri));
-    const std::string head = Head(answer);
-    mg_write(connection, head.data(), head.size());
-    mg_write(connection, answer.body.data(), answer.body.size());
+    const Answer answer = AnswerTo(connection);
+    Write(connection, Head(answer));
+    Write(connection, answer.body);
     return true;
   }
 
-  Answer AnswerTo(absl::string_view path) const {
+  // As GET without the body, whose length it tells (RFC 9110).
+  bool handleHead(CivetServer*, mg_connection* connection) override {
+    Write(connection, Head(AnswerTo(connection)));
+    return true;
+  }
+
+  static void Write(mg_connection* connection, const std::string& text) {
+    mg_write(connection, text.data(), text.size());
+  }
+
+  Answer AnswerTo(const mg_connection* connection) const {
+    const absl::string_view path = absl::NullSafeStringView(mg_get_request_info(connection)->local_uri);
     if (path == "/metrics") return {200, kMetricsText, handlers_.metrics()};
     if (path == "/healthz") return {200, kText, "ok\n"};
     if (path != "/readyz") return {404, kText, "not found\n"};

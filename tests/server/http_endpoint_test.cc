@@ -38,11 +38,12 @@ int Connect(int port) {
 }
 
 // The whole answer to a request.
-std::string Get(int port, const std::string& path) {
+std::string Ask(int port, const std::string& method, const std::string& path) {
   const int fd = Connect(port);
   if (fd < 0) return "no connection";
   setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &kPatience, sizeof(kPatience));
-  const std::string request = absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  const std::string request =
+      absl::StrCat(method, " ", path, " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   (void)!send(fd, request.data(), request.size(), MSG_NOSIGNAL);
   std::string answer;
   char buffer[4096];
@@ -50,6 +51,8 @@ std::string Get(int port, const std::string& path) {
   close(fd);
   return answer;
 }
+
+std::string Get(int port, const std::string& path) { return Ask(port, "GET", path); }
 
 class HttpEndpointTest : public ::testing::Test {
  protected:
@@ -71,6 +74,14 @@ TEST_F(HttpEndpointTest, IsReadyOnlyWhileTheServerServes) {
   EXPECT_THAT(Get(endpoint_->port(), "/readyz"), StartsWith("HTTP/1.1 503 Service Unavailable"));
   ready_ = true;
   EXPECT_THAT(Get(endpoint_->port(), "/readyz"), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(HttpEndpointTest, HeadIsAnsweredAsGetWithoutTheBody) {
+  ready_ = true;
+  for (const char* path : {"/metrics", "/healthz", "/readyz", "/none"}) {
+    const std::string whole = Get(endpoint_->port(), path);
+    EXPECT_EQ(Ask(endpoint_->port(), "HEAD", path), whole.substr(0, whole.find("\r\n\r\n") + 4)) << path;
+  }
 }
 
 TEST_F(HttpEndpointTest, ConnectionsThatSayNothingHoldNobodyUp) {
