@@ -70,7 +70,7 @@ constexpr bool IsPlacedAnew(PointId object_point) { return ObjectPointIndex(obje
 
 enum class Emit {
   kWindows,     // estimates come when a window has run
-  kEveryFrame,  // and besides, each frame is answered at once with what optical flow says, which windows revise
+  kEveryFrame,  // and besides, each frame is answered once decoded with what optical flow says, which windows revise
 };
 
 struct SessionConfig {
