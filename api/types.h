@@ -118,7 +118,7 @@ struct PointRun {
   std::vector<float> x;           // pixels of the caller's frame
   std::vector<float> y;           // pixels of the caller's frame
   std::vector<uint8_t> visible;   // 0 or 1
-  std::vector<float> confidence;  // [0, 1]; of being visible and right where the weights are calibrated for it
+  std::vector<float> confidence;  // [0, 1]; of being visible and right where weights are calibrated; flow's is no fit
   int64_t final_count = 0;        // the first final_count frames of the run will never be revised
 };
 

@@ -23,7 +23,8 @@ class Tracks:
     xy          float32 [N, T, 2]; NaN where nothing is known: before a point was added, and after it was removed
     visible     bool [N, T]; False: hidden, lost or outside the frame
     confidence  float32 [N, T], 0 .. 1: with calibrated weights the probability that the point is visible and less than
-                8 pixels of a frame of 256x256 from here; 0 where nothing is known
+                8 pixels of a frame of 256x256 from here, unless `every_frame` had it carried on by optical flow: then
+                it is no fitted probability; 0 where nothing is known
     final       bool [N, T]; True: this will never be revised
     objects     ObjectTrack by object id; its points are among the others, by ids that object_points() tells
     """
