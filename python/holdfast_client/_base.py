@@ -112,7 +112,7 @@ class BaseSession:
         return updates
 
     def _tracks(self) -> Tracks:
-        return self._state.table.tracks()
+        return self._state.table.tracks(self._frames, complete=self._state.summary is not None)
 
 
 def _whole(name: str, value: int) -> int:

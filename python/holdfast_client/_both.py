@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,8 @@ class Backward:
 
     def merge(self, after: Tracks, before: Tracks) -> Tracks:
         """`before`, which is of this video, where it speaks of frames before a point's query; otherwise `after`."""
-        merged = Tracks(after.ids, after.xy.copy(), after.visible.copy(), after.confidence.copy(), after.final.copy(),
-                        after.objects)
+        merged = replace(after, xy=after.xy.copy(), visible=after.visible.copy(), confidence=after.confidence.copy(),
+                         final=after.final.copy(), complete=after.complete and before.complete)
         rows = {int(point): row for row, point in enumerate(before.ids)}
         for row, point in enumerate(after.ids):
             queried = self._queried.get(int(point), 0)  # an object's is of the first frame

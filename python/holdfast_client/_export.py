@@ -17,6 +17,38 @@ if TYPE_CHECKING:
 Path = Union[str, "os.PathLike[str]"]
 
 
+def track_arrays(tracks: Tracks, names: Mapping[int, str], size: tuple[int, int] | None,
+                 fps: float | None) -> dict[str, np.ndarray]:
+    """By name, as the command line has them (client/cli/track_writer.h), and xy and final besides."""
+    ids = [int(point) for point in tracks.ids]
+    provisional = (~np.isnan(tracks.xy[:, :, 0]) & ~tracks.final).any(axis=0)
+    final_frames = int(provisional.argmax()) if provisional.any() else tracks.frames
+    arrays = {"tracks": tracks.xy, "visible": tracks.visible, "confidence": tracks.confidence,
+              "ids": tracks.ids.astype(np.int64 if max(ids, default=0) < 1 << 63 else np.uint64),
+              "names": np.array([names.get(point) or str(point) for point in ids], np.str_),
+              "query_frames": tracks.query_frames, "frames": np.arange(tracks.frames, dtype=np.int64),
+              "complete": np.array(tracks.complete), "final_frames": np.array(final_frames, np.int64),
+              "expected_frames": np.array(tracks.sent, np.int64), "xy": tracks.xy, "final": tracks.final}
+    if size is not None:
+        arrays["size"] = np.array(size, np.int64)
+    if fps is not None:
+        arrays["fps"] = np.array(fps, np.float64)
+    if tracks.capture_times:
+        times = (tracks.capture_times.get(frame) for frame in range(tracks.frames))
+        arrays["capture_times"] = np.array([np.nan if time is None else time.timestamp() for time in times])
+    return arrays
+
+
+def write_csv(tracks: Tracks, path: Path) -> None:
+    """A line for each known sample."""
+    with open(path, "w", newline="\n", encoding="utf-8") as file:
+        file.write("id,frame,x,y,visible,confidence\n")
+        for row, frame in np.argwhere(~np.isnan(tracks.xy[:, :, 0])):
+            x, y = tracks.xy[row, frame]
+            file.write(f"{tracks.ids[row]},{frame},{x:.3f},{y:.3f},{int(tracks.visible[row, frame])},"
+                       f"{tracks.confidence[row, frame]:.3f}\n")
+
+
 def write_dlc_csv(tracks: Tracks, path: Path, scorer: str, names: Mapping[int, str]) -> None:
     """DeepLabCut's table of one animal: a row a frame, and of each point x, y and likelihood."""
     parts = _body_parts(tracks, names)

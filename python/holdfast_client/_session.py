@@ -177,6 +177,7 @@ class SessionState:
                             np.array(run.visible, bool), np.array(run.confidence, np.float32), run.final_count))
         self.processed = max(self.processed, tracks.frames_processed)
         times = {time.frame: time.capture_time.ToDatetime(timezone.utc) for time in tracks.capture_times}
+        self.table.add_capture_times(times)
         objects = self._take_objects(tracks)
         return Update(tuple(runs), tracks.frames_received, self.processed, times, objects)
 

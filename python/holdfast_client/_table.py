@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from .tracks import Tracks
 class _Row:
     """One point, grown as frames come."""
 
+    query_frame: int
     xy: np.ndarray = field(default_factory=lambda: np.full((0, 2), np.nan, np.float32))
     visible: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
     confidence: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
@@ -44,11 +47,12 @@ class TrackTable:
         self._rows: dict[int, _Row] = {}
         self._objects: dict[int, ObjectTrack] = {}
         self._replaced: set[int] = set()  # points in whose place others are: what is not final of them is void
+        self._capture_times: dict[int, datetime] = {}
         self._frames = 0
 
     def add(self, run: pb.PointRun) -> None:
         first, count = run.first_frame, len(run.x)
-        row = self._rows.setdefault(run.id, _Row())
+        row = self._rows.setdefault(run.id, _Row(first))
         row.grow(first + count)
         span = slice(first, first + count)
         row.xy[span, 0] = run.x
@@ -63,9 +67,12 @@ class TrackTable:
         self._replaced.update(replaced for point in frozenset().union(*run.joined)
                               if (replaced := replaced_by(point)) is not None)
 
-    def tracks(self, frames: int = 0) -> Tracks:
-        """All of it, over at least so many frames."""
-        frames, ids = max(frames, self._frames), sorted(self._rows)
+    def add_capture_times(self, times: Mapping[int, datetime]) -> None:
+        self._capture_times.update(times)
+
+    def tracks(self, sent: int = 0, complete: bool = False) -> Tracks:
+        """All of it, of a session that was given so many frames; `complete`: that has come to its end."""
+        frames, ids = self._frames, sorted(self._rows)
         for point, row in self._rows.items():
             row.grow(frames)
             if point in self._replaced:
@@ -77,7 +84,8 @@ class TrackTable:
         return Tracks(np.array(ids, np.uint64), stack("xy", np.zeros((0, frames, 2), np.float32)),
                       stack("visible", np.zeros((0, frames), bool)),
                       stack("confidence", np.zeros((0, frames), np.float32)),
-                      stack("final", np.zeros((0, frames), bool)), self._copies(frames))
+                      stack("final", np.zeros((0, frames), bool)), self._copies(frames),
+                      np.array([row.query_frame for row in rows], np.int64), dict(self._capture_times), sent, complete)
 
     def _copies(self, frames: int) -> dict[int, ObjectTrack]:
         copies = copy.deepcopy(self._objects)

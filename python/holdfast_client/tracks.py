@@ -2,13 +2,13 @@
 """What is known of a session's points, as arrays."""
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 
 import numpy as np
 
-from ._export import Path, write_cvat_xml, write_dlc_csv
+from ._export import Path, track_arrays, write_csv, write_cvat_xml, write_dlc_csv
 from ._frames import Frame
 from ._object_export import object_arrays, write_objects_csv
 from ._objects import ObjectTrack, object_of
@@ -19,14 +19,18 @@ from ._picture import Picture, draw
 class Tracks:
     """N points over T frames. Positions are pixels of the video's own frames; (0, 0) is the centre of the first one.
 
-    ids         uint64 [N]
-    xy          float32 [N, T, 2]; NaN where nothing is known: before a point was added, and after it was removed
-    visible     bool [N, T]; False: hidden, lost or outside the frame
-    confidence  float32 [N, T], 0 .. 1: with calibrated weights the probability that the point is visible and less than
-                8 pixels of a frame of 256x256 from here, unless `every_frame` had it carried on by optical flow: then
-                it is no fitted probability; 0 where nothing is known
-    final       bool [N, T]; True: this will never be revised
-    objects     ObjectTrack by object id; its points are among the others, by ids that object_points() tells
+    ids           uint64 [N]
+    xy            float32 [N, T, 2]; NaN where nothing is known: before a point was added, and after it was removed
+    visible       bool [N, T]; False: hidden, lost or outside the frame
+    confidence    float32 [N, T], 0 .. 1: with calibrated weights the probability that the point is visible and less
+                  than 8 pixels of a frame of 256x256 from here, unless `every_frame` had it carried on by optical flow:
+                  then it is no fitted probability; 0 where nothing is known
+    final         bool [N, T]; True: this will never be revised
+    objects       ObjectTrack by object id; its points are among the others, by ids that object_points() tells
+    query_frames  int64 [N]: where each point starts; if they are not given, where it is known first
+    capture_times in UTC, by frame, of those that push() gave one
+    sent          frames that the session was given; if it is not given, T
+    complete      True: the session went to its end
     """
 
     ids: np.ndarray
@@ -35,6 +39,16 @@ class Tracks:
     confidence: np.ndarray
     final: np.ndarray
     objects: Mapping[int, ObjectTrack] = field(default_factory=dict)
+    query_frames: np.ndarray = None  # type: ignore[assignment]  # until __post_init__
+    capture_times: Mapping[int, datetime] = field(default_factory=dict)
+    sent: int = 0
+    complete: bool = False
+
+    def __post_init__(self) -> None:
+        self.sent = max(self.sent, self.frames)
+        if self.query_frames is None:
+            known = ~np.isnan(self.xy[:, :, 0])
+            self.query_frames = known.argmax(axis=1) if self.frames else np.zeros(len(self), np.int64)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -55,24 +69,23 @@ class Tracks:
         """uint64: ids of the points that the server placed on an object."""
         return np.array([point for point in self.ids if object_of(int(point)) == key], np.uint64)
 
-    def to_npz(self, path: Path) -> None:
-        """Writes all of it, under the names above, for numpy.load. Of O objects, where there are any: object_ids int64
-        [O]; object_centre [O, T, 2], object_scale, object_rotation and object_visible [O, T] and object_outline
-        [O, T, C, 2] float32, NaN where nothing is known and behind an outline's last corner. Of their points, then:
-        of_object int64 [N] (the object's id, -1: none), replaces int64 [N] (the row of the point in whose place it
-        was placed anew, -1: none) and left bool [N, T]. As in the .npz of `holdfast track`."""
-        np.savez_compressed(path, ids=self.ids, xy=self.xy, visible=self.visible, confidence=self.confidence,
-                            final=self.final, **object_arrays(self))
+    def to_npz(self, path: Path, names: Mapping[int, str] | None = None, size: tuple[int, int] | None = None,
+               fps: float | None = None) -> None:
+        """Writes all of it for numpy.load, under the names of the .npz of `holdfast track`: tracks [N, T, 2] (which is
+        xy, there under both names), visible and confidence [N, T], ids (int64; uint64 where there are objects' points)
+        and names [N] (`names` by id, otherwise the id), query_frames [N], frames [T], complete, final_frames,
+        expected_frames; size [2] (width, height) and fps if they are given, and capture_times [T] (seconds since 1970,
+        NaN: not known) where there are some. Besides final [N, T], which the command line does not write.
+
+        Of O objects, where there are any: object_ids int64 [O]; object_centre [O, T, 2], object_scale, object_rotation
+        and object_visible [O, T] and object_outline [O, T, C, 2] float32, NaN where nothing is known and behind an
+        outline's last corner. Of their points, then: of_object int64 [N] (the object's id, -1: none), replaces int64
+        [N] (the row of the point in whose place it was placed anew, -1: none) and left bool [N, T]."""
+        np.savez_compressed(path, **track_arrays(self, names or {}, size, fps), **object_arrays(self))
 
     def to_csv(self, path: Path) -> None:
-        """Writes a line for each known sample: id,frame,x,y,visible,confidence,final."""
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["id", "frame", "x", "y", "visible", "confidence", "final"])
-            for row, frame in np.argwhere(~np.isnan(self.xy[:, :, 0])):
-                x, y = self.xy[row, frame]
-                writer.writerow([self.ids[row], frame, f"{x:.3f}", f"{y:.3f}", int(self.visible[row, frame]),
-                                 f"{self.confidence[row, frame]:.4f}", int(self.final[row, frame])])
+        """Writes a line for each known sample: id,frame,x,y,visible,confidence. As `holdfast track --out=x.csv`."""
+        write_csv(self, path)
 
     def to_objects_csv(self, path: Path) -> None:
         """Writes a line for each frame of an object: object,frame,x,y,scale,rotation,visible,outline,left,joined, where

@@ -90,9 +90,12 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         with self.client().session(POINTS, every_frame=True, encoding="raw") as session:
             for i, frame in enumerate(PICTURES[:8]):
                 updates += session.push(frame, capture_time=at.get(i))
-            session.finish()
+            tracks = session.finish()
             updates += session.updates()
         self.assertEqual({frame: time for update in updates for frame, time in update.capture_times.items()}, at)
+        self.assertEqual(tracks.capture_times, at)
+        self.assertTrue(tracks.complete)
+        self.assertEqual(tracks.sent, 8)
 
     def test_a_killed_server_changes_nothing(self):
         first, second = self.start_server(), self.start_server()

@@ -91,13 +91,30 @@ class CommandLineTest(support.ServedTest, unittest.TestCase):
         np.testing.assert_allclose(tracks.confidence, expected["confidence"], atol=1e-3)
 
         # Rounded to three digits, so of the very same numbers.
-        tracks.xy, tracks.confidence = expected["tracks"], np.nan_to_num(expected["confidence"])
+        tracks.xy, tracks.confidence = expected["tracks"], expected["confidence"]
+        tracks.to_csv(self.folder / "p.csv")
         tracks.to_dlc_csv(self.folder / "p.dlc.csv", names=NAMES)
         tracks.to_cvat_xml(self.folder / "p.xml", size=(WIDTH, HEIGHT), names=NAMES)
-        for name in ("dlc.csv", "xml"):
+        for name in ("csv", "dlc.csv", "xml"):
             written, _ = self.command_line(f"t.{name}")
             self.assertEqual((self.folder / f"p.{name}").read_text(), written.read_text())
         self.assertIn('outside="1"', written.read_text())
+
+    def test_who_reads_the_arrays_of_one_reads_those_of_the_other(self):
+        arrays, frames = self.command_line("t.npz")
+        expected = np.load(arrays)
+        with holdfast_client.Client(self.server.address) as client:
+            tracks = client.track(frames, {query["id"]: (query["frame"], query["x"], query["y"]) for query in QUERIES})
+        tracks.to_npz(self.folder / "p.npz", names=NAMES, size=(WIDTH, HEIGHT), fps=float(expected["fps"]))
+        found = np.load(self.folder / "p.npz")
+        self.assertEqual(set(found), {*expected, "xy", "final"})
+        for name in expected:
+            self.assertEqual(found[name].dtype, expected[name].dtype, name)
+            if name in ("tracks", "confidence"):
+                np.testing.assert_allclose(found[name], expected[name], atol=1e-3, err_msg=name)
+            else:
+                np.testing.assert_array_equal(found[name], expected[name], name)
+        np.testing.assert_array_equal(found["xy"], found["tracks"])
 
     def test_objects_and_who_was_placed_anew_are_the_same(self):
         still = 84  # columns from here on stand still: points of the object that lie there leave it

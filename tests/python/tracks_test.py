@@ -3,11 +3,13 @@
 import asyncio
 import base64
 import csv
+import dataclasses
 import io
 import pathlib
 import tempfile
 import unittest
 import xml.etree.ElementTree as xml
+from datetime import datetime, timezone
 
 import numpy as np
 from PIL import Image
@@ -99,11 +101,23 @@ class FilesTest(unittest.TestCase):
         read = np.load(self.path.with_suffix(".npz"))
         for name in ("ids", "xy", "visible", "confidence", "final"):
             np.testing.assert_array_equal(read[name], getattr(self.tracks, name))
+        np.testing.assert_array_equal(read["query_frames"], [1, 0])
+        self.assertNotIn("size", read)
+        self.assertNotIn("capture_times", read)
+
+    def test_what_is_not_final_is_told_in_npz(self):
+        self.tracks.final[0, 2:] = False
+        tracks = dataclasses.replace(self.tracks, sent=8, capture_times={1: datetime.fromtimestamp(2.5, timezone.utc)})
+        tracks.to_npz(self.path.with_suffix(".npz"))
+        read = np.load(self.path.with_suffix(".npz"))
+        self.assertFalse(read["complete"])
+        self.assertEqual((read["final_frames"], read["expected_frames"]), (2, 8))
+        np.testing.assert_array_equal(read["capture_times"], [np.nan, 2.5, np.nan, np.nan, np.nan])
 
     def test_csv_has_a_line_for_each_known_sample(self):
         self.tracks.to_csv(self.path)
         lines = self.path.read_text(encoding="utf-8").splitlines()
-        self.assertEqual(lines[:2], ["id,frame,x,y,visible,confidence,final", "7,1,1.250,2.000,1,0.7500,1"])
+        self.assertEqual(lines[:2], ["id,frame,x,y,visible,confidence", "7,1,1.250,2.000,1,0.750"])
         self.assertEqual(len(lines), 1 + 4 + 3)
 
     def test_other_programs_get_the_files_of_the_command_line(self):
