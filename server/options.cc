@@ -6,6 +6,7 @@
 #include <initializer_list>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "api/address.h"
@@ -44,8 +45,8 @@ absl::Status ServerOptions::Validate() const {
                                                    ", expected 0 .. ", absl::FormatDuration(kMostGrace)));
   }
   if (absl::Status status = tls.Validate(); !status.ok()) return status;
-  if (listen.empty()) return absl::InvalidArgumentError("listen is empty, expected host:port");
-  if (PortIsTooLarge(listen)) return NoAddress("listen", listen);
+  // gRPC would listen on a socket of the file system too, but that has no port to tell who looks for the server.
+  if (!SplitHostPort(listen) || absl::StartsWith(listen, "unix:")) return NoAddress("listen", listen);
   if (!SplitHostPort(metrics_listen)) return NoAddress("metrics_listen", metrics_listen);
   if (!web_listen.empty() && !SplitHostPort(web_listen)) return NoAddress("web_listen", web_listen);
   if (engine.limits.max_points > kMaxPointsInMessage) {

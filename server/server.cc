@@ -10,7 +10,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "api/address.h"
 #include "api/limits.h"
@@ -70,7 +69,7 @@ absl::StatusOr<std::unique_ptr<SpanSink>> MakeSpanSink(const std::string& endpoi
 }
 
 void WarnOfPlainText(const ServerOptions& options, spdlog::logger& log) {
-  if (!options.tls.enabled() && !IsLoopback(options.listen) && !absl::StartsWith(options.listen, "unix:")) {
+  if (!options.tls.enabled() && !IsLoopback(options.listen)) {
     log.warn(absl::StrCat("gRPC on ", options.listen, " is plain text: frames, results and tokens can be read on the ",
                           "way; see --tls_cert"));
   }
