@@ -42,11 +42,12 @@ ifeq ($(PRESET),release)
 	ctest --preset asan-core -j $(JOBS)
 endif
 
-dist: build ## make the source archive and Debian packages of server, client and client library in out/dist
+dist: build wheel ## make the source archive, Debian packages of server, client and its library, and the wheel in out/dist
 	mkdir -p out/dist
 	git archive --prefix=holdfast-$$(git describe --tags --always)/ -o out/dist/holdfast-source.tar.gz HEAD
 	cpack --config $(BUILD)/CPackConfig.cmake -B out/dist > /dev/null
 	rm -rf out/dist/_CPack_Packages
+	cp out/python/dist/*.whl out/dist
 	ls -sh out/dist
 
 packages: ## install the packages of `make dist` in a fresh Debian and use them there (root; out/packages has the logs)
