@@ -56,7 +56,8 @@ class NotAllowed(HoldfastError):
 
 
 class NotResumable(HoldfastError):
-    """No server takes the lost session over: other keys, other weights, or a checkpoint that is too old."""
+    """No server takes the lost session over: other keys, other weights, or a checkpoint that is too old. A server
+    without --checkpoint_keys has keys of its own, which a restart changes."""
 
 
 class Unavailable(HoldfastError):
