@@ -23,7 +23,8 @@ class Session(BaseSession):
     by an exception is cancelled, otherwise finished.
 
     `on_reconnecting` is called with the error that a server was lost by, `on_resumed` with the address of the one that
-    goes on; both by the session's own thread.
+    goes on; both by the session's own thread, which everything else waits for. They may call cancel(); an error that
+    they raise ends the session.
     """
 
     def __init__(self, client: BaseClient[Session], config: pb.SessionConfig, encoding: str,
@@ -81,7 +82,9 @@ class Session(BaseSession):
 
     def finish(self) -> Tracks:
         """Nothing follows: waits until everything is final. Raises what ended the session otherwise; tracks() has what
-        came before. Ctrl-C cancels it."""
+        came before. Ctrl-C cancels it. RuntimeError on the session's own thread, which it would wait for."""
+        if self._is_own_thread():
+            raise RuntimeError("finish() waits for the thread that calls on_reconnecting and on_resumed: cancel()")
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -100,13 +103,18 @@ class Session(BaseSession):
             return self._tracks()
 
     def cancel(self) -> None:
-        """Ends the session at once; what has come stays."""
+        """Ends the session at once; what has come stays. Waits for that, unless it is called by the session's own
+        thread, which ends when the callback returns."""
         with self._changed:
             self._cancelled = True
             if self._call is not None:
                 self._call.cancel()
             self._changed.notify_all()
-            self._changed.wait_for(lambda: self._ended or self._thread is None)
+            if not self._is_own_thread():
+                self._changed.wait_for(lambda: self._ended or self._thread is None)
+
+    def _is_own_thread(self) -> bool:
+        return threading.current_thread() is self._thread
 
     def _send(self, message: pb.TrackRequest) -> None:
         with self._changed:
@@ -138,6 +146,8 @@ class Session(BaseSession):
             self._run_calls()
         except BaseException as failed:  # whatever it is, the caller gets it
             error = failed
+            if self._call is not None:  # that a callback's error has left open
+                self._end_call()
         with self._changed:
             self._error = None if self._cancelled else error
             self._ended = True

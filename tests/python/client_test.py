@@ -112,6 +112,39 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         self.assertEqual(resumed, [second.address])
         self.assert_same(tracks, self.uninterrupted())
 
+    def lose_a_server(self, name, callback):
+        """Pushes frames until the session has ended, whose first server is lost meanwhile. The session, and what ended
+        it."""
+        first, second = self.start_server(), self.start_server()
+        self.addCleanup(first.stop)
+        self.addCleanup(second.stop)
+        session = self.client(first.address, second.address).session(POINTS, encoding="raw")
+        setattr(session, name, lambda _: callback(session))
+        while session.accepted is None:
+            session.push(PICTURES[0])
+        first.kill()
+        with self.assertRaises((ValueError, RuntimeError)) as caught:
+            while True:
+                session.push(PICTURES[0])
+        return session, str(caught.exception)
+
+    def test_a_callback_may_cancel_its_session(self):
+        for name in ("on_reconnecting", "on_resumed"):
+            with self.subTest(callback=name):
+                returned = threading.Event()
+
+                def cancel(session, returned=returned):
+                    session.cancel()
+                    returned.set()
+                session, error = self.lose_a_server(name, cancel)
+                self.assertTrue(returned.wait(10))
+                self.assertRegex(error, "has ended")
+                session.cancel()  # the thread comes to its end
+
+    def test_a_callback_that_would_wait_for_itself_is_told_so(self):
+        _, error = self.lose_a_server("on_resumed", lambda session: session.finish())
+        self.assertRegex(error, r"finish\(\) waits for the thread that calls on_reconnecting")
+
     def test_an_object_is_followed_as_a_group(self):
         mask = np.zeros((support.HEIGHT, support.WIDTH), bool)
         mask[30:70, 20:60] = True
