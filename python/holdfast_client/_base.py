@@ -31,6 +31,7 @@ class BaseSession:
         self._encoding = encoding
         self._codec: FrameCodec | None = None  # the first frame settles it, and opens the session
         self._frames = 0  # sent
+        self._next_id = 1 + max((point.id for point in config.points), default=-1)  # of positions without ids
         reconnect = client.reconnect
         self._state = SessionState(config, reconnect is not None, reconnect.buffer_bytes if reconnect else 0)
         self._route = Route(self._state, len(client.addresses), client.timeout, reconnect)
@@ -61,7 +62,6 @@ class BaseSession:
         message = pb.TrackRequest()
         message.frame.index = self._frames
         message.frame.data = self._codec.data(frame)
-        message.frame.points.extend(to_points(points))
         message.frame.objects.extend(to_objects(objects, self._placement))
         if capture_time is not None:
             if not isinstance(capture_time, datetime):
@@ -70,14 +70,21 @@ class BaseSession:
                 raise ValueError(f"capture_time is {capture_time!r}, expected a datetime with its time zone, such as "
                                  "datetime.now(timezone.utc)")
             message.frame.capture_time.FromDatetime(capture_time)
+        message.frame.points.extend(self._to_points(points))
         return message
+
+    def _to_points(self, points: Points) -> list[pb.Point]:
+        """Positions without ids get the next ones that this session has not had."""
+        made = to_points(points, self._next_id)
+        self._next_id = max([self._next_id, *(point.id + 1 for point in made)])
+        return made
 
     def _add_message(self, points: Points) -> pb.TrackRequest | None:
         """None: the session is not open yet, and begins with them."""
         if self._codec is None:
-            self._state.config.points.extend(to_points(points))
+            self._state.config.points.extend(self._to_points(points))
             return None
-        return pb.TrackRequest(add_points=pb.AddPoints(points=to_points(points)))
+        return pb.TrackRequest(add_points=pb.AddPoints(points=self._to_points(points)))
 
     def _remove_message(self, ids: Iterable[int]) -> pb.TrackRequest | None:
         """None: the session is not open yet, and begins without them."""

@@ -82,8 +82,8 @@ class FrameCodec:
         return picture.tobytes()
 
 
-def to_points(points: Points) -> list[pb.Point]:
-    """{id: (x, y)}, or positions whose ids are 0, 1, 2..."""
+def to_points(points: Points, first_id: int = 0) -> list[pb.Point]:
+    """{id: (x, y)}, or positions whose ids are `first_id` and those after it."""
     if isinstance(points, Mapping):
         return [_to_point(point, position) for point, position in points.items()]
     try:
@@ -94,7 +94,7 @@ def to_points(points: Points) -> list[pb.Point]:
         return []
     if positions.ndim != 2 or positions.shape[1] != 2:
         raise ValueError(f"points are {list(positions.shape)}, expected [N, 2]: x and y of each")
-    return [pb.Point(id=i, x=x, y=y) for i, (x, y) in enumerate(positions)]
+    return [pb.Point(id=i, x=x, y=y) for i, (x, y) in enumerate(positions, first_id)]
 
 
 def _to_point(point: int, position: tuple[float, float]) -> pb.Point:

@@ -71,7 +71,8 @@ class Session(BaseSession):
         self._frames += 1
 
     async def add(self, points: Points) -> None:
-        """Queries points at the newest frame; ids in use begin anew there."""
+        """Queries points at the newest frame: {id: (x, y)}, of which ids in use begin anew there, or positions [N, 2],
+        which get the next ids that the session has not had."""
         message = self._add_message(points)
         if message is not None:
             await self._send(message)

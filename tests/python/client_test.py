@@ -59,6 +59,19 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "points of frame 99"):
             self.client().track(PICTURES[:3], np.array([[99, 40, 50]], np.float32), encoding="raw")
 
+    def test_positions_without_ids_are_new_points(self):
+        with self.client().session(POINTS[:2], encoding="raw") as session:
+            session.add([(20, 20)])
+            for i, frame in enumerate(PICTURES[:8]):
+                session.push(frame, points={1: (50, 50), 7: (90, 60)} if i == 2 else POINTS[2:] if i == 4 else ())
+            session.add(np.array([(30, 30), (35, 30)]))
+            tracks = session.finish()
+        self.assertEqual(list(tracks.ids), [0, 1, 2, 7, 8, 9, 10])
+        np.testing.assert_allclose(tracks.of(0)[:8], POINTS[0] + [[i, 0] for i in range(8)], atol=1.5)
+        np.testing.assert_allclose(tracks.of(1)[2], [50, 50], atol=1e-3)  # anew, by its id
+        np.testing.assert_allclose(tracks.of(8)[4], POINTS[2], atol=1e-3)
+        np.testing.assert_allclose(tracks.of(10)[7], [35, 30], atol=1e-3)
+
     def test_live_updates_come_while_frames_are_pushed(self):
         updates = []
         with self.client().session(POINTS, hop=(4, 12), every_frame=True, encoding="raw") as session:
