@@ -119,28 +119,6 @@ class ObjectTrack:
     joined: list[frozenset[int]] = field(default_factory=list)
     final: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
-    def grow(self, frames: int) -> None:
-        """To at least so many frames."""
-        missing = frames - len(self.final)
-        if missing <= 0:
-            return
-        nothing = np.full(missing, np.nan, np.float32)
-        self.centre = np.concatenate([self.centre, np.full((missing, 2), np.nan, np.float32)])
-        self.scale, self.rotation = np.concatenate([self.scale, nothing]), np.concatenate([self.rotation, nothing])
-        self.visible = np.concatenate([self.visible, np.zeros(missing, np.float32)])
-        self.outline += [None] * missing
-        self.left += [frozenset()] * missing
-        self.joined += [frozenset()] * missing
-        self.final = np.concatenate([self.final, np.zeros(missing, bool)])
-
-    def add(self, run: ObjectRun) -> None:
-        self.grow(run.first_frame + len(run.scale))
-        span = slice(run.first_frame, run.first_frame + len(run.scale))
-        self.centre[span], self.scale[span], self.rotation[span] = run.centre, run.scale, run.rotation
-        self.visible[span] = run.visible
-        self.outline[span], self.left[span], self.joined[span] = run.outline, run.left, run.joined
-        self.final[run.first_frame:run.first_frame + run.final_count] = True
-
 
 def to_run(run: pb.ObjectRun) -> ObjectRun:
     samples = run.samples

@@ -72,6 +72,7 @@ class SessionState:
         self._final_objects: dict[int, int] = {}
         self._repeated_objects: dict[int, int] = {}
         self.processed = 0  # frames that servers have worked off
+        self.received = 0  # frames that servers have
 
     # --- What is sent.
 
@@ -176,10 +177,11 @@ class SessionState:
             runs.append(Run(run.id, run.first_frame, np.stack([run.x, run.y], axis=1).astype(np.float32),
                             np.array(run.visible, bool), np.array(run.confidence, np.float32), run.final_count))
         self.processed = max(self.processed, tracks.frames_processed)
+        self.received = max(self.received, tracks.frames_received)  # one that takes over begins further back
         times = {time.frame: time.capture_time.ToDatetime(timezone.utc) for time in tracks.capture_times}
         self.table.add_capture_times(times)
         objects = self._take_objects(tracks)
-        return Update(tuple(runs), tracks.frames_received, self.processed, times, objects)
+        return Update(tuple(runs), self.received, self.processed, times, objects)
 
     def _take_objects(self, tracks: pb.Tracks) -> tuple[ObjectRun, ...]:
         runs = []

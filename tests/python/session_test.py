@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a session keeps of what it sends, and what it tells of what its server says; no server takes part."""
+import tracemalloc
 import unittest
+import unittest.mock
 import warnings
+
+import numpy as np
 
 import support
 from holdfast_client import HoldfastWarning
@@ -95,6 +99,48 @@ class TellingTest(unittest.TestCase):
         self.assertEqual(self.told(going), [])
         self.assertEqual(self.told(going, keeps=False),
                          ["a:1: session f00d: its server goes away, and it ends in 2.5 s at the latest"])
+
+
+def tracks_of(first_frame, count=1, point=0, received=0):
+    run = pb.PointRun(id=point, first_frame=first_frame, x=[first_frame] * count, y=[2] * count,
+                      visible=[True] * count, confidence=[0.5] * count, final_count=count)
+    sample = pb.ObjectSample(x=first_frame, y=2, scale=1, left=[4], outline_x=[1, 2, 3], outline_y=[1, 2, 1])
+    kept = pb.ObjectRun(id=point, first_frame=first_frame, samples=[sample] * count, final_count=count)
+    return pb.TrackResponse(tracks=pb.Tracks(runs=[run], objects=[kept], frames_received=received))
+
+
+class TakingTest(unittest.TestCase):
+    def setUp(self):
+        self.state = SessionState(pb.SessionConfig(), False, 0)
+
+    def test_what_a_session_keeps_begins_with_its_points(self):
+        tracemalloc.start()
+        self.addCleanup(tracemalloc.stop)
+        for point in range(20):
+            self.state.take(tracks_of(1_000_000, point=point))
+        self.assertLess(tracemalloc.get_traced_memory()[1], 1 << 20)
+
+    def test_a_table_has_every_frame_that_it_was_told_of(self):
+        for first in (5, 6, 9, 3):
+            self.state.take(tracks_of(first, 2))
+        tracks = self.state.table.tracks()
+        positions = [np.nan, np.nan, np.nan, 3, 3, 5, 6, 6, np.nan, 9, 9]
+        np.testing.assert_array_equal(tracks.of(0)[:, 0], positions)
+        np.testing.assert_array_equal(tracks.objects[0].centre[:, 0], positions)
+        self.assertEqual(list(tracks.final[0]), list(~np.isnan(positions)))
+        self.assertEqual(list(tracks.objects[0].final), list(~np.isnan(positions)))
+        self.assertEqual([bool(left) for left in tracks.objects[0].left], list(~np.isnan(positions)))
+        self.assertEqual([corners is None for corners in tracks.objects[0].outline], list(np.isnan(positions)))
+
+    def test_long_tracks_are_not_copied_at_every_frame(self):
+        with unittest.mock.patch.object(np, "concatenate", side_effect=np.concatenate) as copied:
+            for frame in range(1000):
+                self.state.take(tracks_of(frame))
+        self.assertLess(copied.call_count, 200)  # about ten times nine columns
+
+    def test_frames_that_a_server_had_do_not_become_fewer(self):
+        received = [self.state.take(tracks_of(0, received=count)).frames_received for count in (30, 24, 31)]
+        self.assertEqual(received, [30, 30, 31])
 
 
 if __name__ == "__main__":
