@@ -25,6 +25,8 @@ from ._queries import Queried, Queries
 from ._session import Update
 from .tracks import Tracks
 
+_WAITING = 256  # updates, while no task iterates
+
 __all__ = ["Client", "Reconnect", "Session", "Tls"]
 
 
@@ -42,6 +44,7 @@ class Session(BaseSession):
         self._changed = asyncio.Event()  # another one after each change
         self._call: Any = None  # the one that messages are for
         self._runner: asyncio.Task[None] | None = None
+        self._listeners = 0  # tasks that iterate
 
     async def __aenter__(self) -> Session:
         return self
@@ -84,17 +87,21 @@ class Session(BaseSession):
             await self._send(message)
 
     def updates(self) -> list[Update]:
-        """What has come since the last call, without waiting."""
+        """What has come since the last call, without waiting: the newest 256 where no task iterates."""
         return self._take_updates()
 
     async def __aiter__(self) -> AsyncIterator[Update]:
         """Updates as they come, until the session is over; raises what ended it, unless that was finish() or cancel().
-        Waits for what another task pushes."""
-        while True:
-            await self._until(lambda: bool(self._updates) or self._ended)
-            if not self._updates:
-                break
-            yield self._updates.pop(0)
+        Waits for what another task pushes. Of what came while no task iterates, the newest 256."""
+        self._listeners += 1
+        try:
+            while True:
+                await self._until(lambda: bool(self._updates) or self._ended)
+                if not self._updates:
+                    break
+                yield self._updates.pop(0)
+        finally:
+            self._listeners -= 1
         if self._error is not None:
             raise self._error
 
@@ -127,6 +134,11 @@ class Session(BaseSession):
         await self._until(lambda: self._can_send(message))
         self._append(message)
         self._notify()
+
+    def _take(self, response: pb.TrackResponse) -> None:
+        super()._take(response)
+        if self._listeners == 0:
+            del self._updates[:-_WAITING]
 
     async def _until(self, ready: Callable[[], bool]) -> None:
         while not ready():

@@ -14,6 +14,7 @@ from support import FRAMES, PICTURES, POINTS
 import holdfast_client
 from holdfast_client import aio
 from holdfast_client._frames import FrameCodec
+from holdfast_client._proto import point_tracking_pb2 as pb
 
 
 async def camera(pictures=PICTURES):
@@ -77,6 +78,23 @@ class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
         self.assertEqual(updates[-1].frames_processed, FRAMES)
         self.assertEqual(list(tracks.ids), [0, 1, 2, 77])
         self.assertEqual(session.accepted.window_frames, 24)
+
+    async def test_updates_that_nobody_takes_are_bounded(self):
+        def answer(frame):
+            run = pb.PointRun(id=1, first_frame=frame, x=[1], y=[2], visible=[True], confidence=[0.5])
+            return pb.TrackResponse(tracks=pb.Tracks(runs=[run]))
+        session = self.client().session(POINTS)
+        for frame in range(1000):
+            session._take(answer(frame))
+        updates = session.__aiter__()
+        first = await updates.__anext__()
+        self.assertEqual(first.runs[0].first_frame, 1000 - 256)
+        for frame in range(1000, 2000):
+            session._take(answer(frame))
+        for frame in range(first.runs[0].first_frame + 1, 2000):
+            self.assertEqual((await updates.__anext__()).runs[0].first_frame, frame)
+        self.assertEqual(session.tracks().frames, 2000)
+        await updates.aclose()
 
     async def test_a_session_without_points_says_how_far_it_is(self):
         async with self.client().session(encoding="raw") as session:
