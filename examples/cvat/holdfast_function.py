@@ -24,19 +24,24 @@ class Followed:
     """The points of a shape, followed from one image to the next."""
 
     def __init__(self, image, points):
-        self.image, self.points = image, points  # of the newest one; points are [N, 2]
+        self.image = image  # the newest one
+        self.points = points.clip(0, np.array(image.shape[1::-1]) - 1)  # a click may lie on the picture's very edge
         self.begin()
 
     def __del__(self):
         self.session.cancel()
 
     def begin(self):
-        self.session = client.session(self.points, every_frame=True, label="cvat")
+        """On the newest image, with the points that are in it: the server takes no others, which stay hidden where they
+        were."""
+        inside = ((self.points >= 0) & (self.points <= np.array(self.image.shape[1::-1]) - 1)).all(axis=1)
+        self.followed = {int(i): tuple(self.points[i]) for i in np.flatnonzero(inside)}
+        self.session = client.session(self.followed, every_frame=True, label="cvat")
         self.session.push(self.image)
         self.frame = 0
 
     def go_on(self, image):
-        """Whether each point is visible on the image that follows; self.points are where."""
+        """Whether each point is visible on the image that follows; self.points, [N, 2], are where."""
         try:
             visible = self.step(image)
         except HoldfastError:  # the user has paused for longer than the server waits
@@ -54,13 +59,15 @@ class Followed:
             for run in (run for update in updates for run in update.runs):
                 if run.first_frame + len(run.xy) > self.frame:
                     newest[run.id] = run.xy[-1], run.visible[-1]
-            if len(newest) == len(self.points):
+            if len(newest) == len(self.followed):
                 break
             updates = self.session.updates(timeout=PATIENCE)
             if not updates:
                 raise TimeoutError(f"no estimate of the newest image within {PATIENCE} s")
-        self.points = np.stack([newest[i][0] for i in range(len(newest))])
-        return [newest[i][1] for i in range(len(newest))]
+        visible = [False] * len(self.points)
+        for i, (position, seen) in newest.items():
+            self.points[i], visible[i] = position, seen
+        return visible
 
 
 def preprocess_image(context, image):

@@ -153,6 +153,22 @@ class ExamplesTest(support.ServedTest, unittest.TestCase):
         del states  # and with them their sessions
         self.server.wait_for_metric('holdfast_sessions_total{outcome="cancelled"}', cancelled + 3)
 
+    def test_cvat_goes_on_after_a_pause_without_points_that_have_left(self):
+        function = self.load("cvat/holdfast_function.py", cvat())
+        images = [function.preprocess_image(None, Image.fromarray(picture)) for picture in PICTURES[:4]]
+        context = types.SimpleNamespace(original_shape_type="points")
+        clicked = [*POINTS[0], support.WIDTH - 0.4, 40]
+        state = function.init_tracking_state(context, images[0], TrackableShape(type="points", points=clicked))
+        np.testing.assert_array_equal(state.points[1], [support.WIDTH - 1, 40])
+        function.track(context, images[1], state)
+        state.points[1] = [support.WIDTH + 5, 40]
+        state.session.push = self.late
+        for count, image in enumerate(images[2:], 2):
+            shape = function.track(context, image, state)
+            np.testing.assert_allclose(shape.points[:2], POINTS[0] + [count, 0], atol=2)
+            self.assertEqual(shape.points[2:], [support.WIDTH + 5, 40])
+        self.assertEqual(state.go_on(images[3])[1], False)
+
     @staticmethod
     def late(image):
         raise holdfast_client.HoldfastError(grpc.StatusCode.DEADLINE_EXCEEDED, "nothing came")
