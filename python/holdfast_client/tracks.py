@@ -14,6 +14,8 @@ from ._object_export import object_arrays, write_objects_csv
 from ._objects import ObjectTrack, object_of
 from ._picture import Picture, draw
 
+_SHOWN_POINTS, _SHOWN_FRAMES = 100, 200  # by a notebook that is not asked to
+
 
 @dataclass
 class Tracks:
@@ -117,5 +119,21 @@ class Tracks:
 
     def _repr_html_(self) -> str:
         """What a notebook shows of a cell that ends in tracks."""
-        trails = self.show(trail=self.frames).svg if self.frames else ""
-        return f"<p>{len(self)} points, {self.frames} frames</p>{trails}"
+        size = f"{len(self)} points, {self.frames} frames"
+        if self.frames == 0:
+            return f"<p>{size}</p>"
+        shown = self._thinned()
+        if (len(shown), shown.frames) != (len(self), self.frames):
+            size += f"; {len(shown)} points at {shown.frames} frames are shown"
+        return f"<p>{size}</p>{shown.show(trail=shown.frames).svg}"
+
+    def _thinned(self) -> Tracks:
+        """Some of many points at some of many frames, evenly spread, the last frame among them."""
+        rows, frames = _spread(len(self), _SHOWN_POINTS), _spread(self.frames, _SHOWN_FRAMES)
+        arrays = (values[rows][:, frames] for values in (self.xy, self.visible, self.confidence, self.final))
+        return Tracks(self.ids[rows], *arrays)
+
+
+def _spread(count: int, most: int) -> np.ndarray:
+    """Indices of `count` things, the first and the last among them."""
+    return np.linspace(0, count - 1, min(count, most)).astype(int)

@@ -197,6 +197,12 @@ class PictureTest(unittest.TestCase):
         html = self.tracks._repr_html_()
         self.assertIn("2 points, 5 frames", html)
         self.assertIn("<polyline", html)
+        xy = np.random.default_rng(1).uniform(100, 1000, (250, 10_000, 2)).astype(np.float32)
+        known = np.ones(xy.shape[:2], bool)
+        html = holdfast_client.Tracks(np.arange(250, dtype=np.uint64), xy, known, known, known)._repr_html_()
+        self.assertIn("250 points, 10000 frames; 100 points at 200 frames are shown", html)
+        self.assertEqual(html.count("<circle"), 100)
+        self.assertLess(len(html), 500_000)
         none = self.tracks
         none.ids, none.xy, none.visible = none.ids[:0], none.xy[:0, :0], none.visible[:0, :0]
         self.assertEqual(none._repr_html_(), "<p>0 points, 0 frames</p>")
