@@ -3,6 +3,7 @@
 threads and without waiting."""
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from typing import Any, Generic, TypeVar, Union
@@ -59,6 +60,7 @@ class BaseSession:
     def _frame_message(self, frame: Frame, points: Points, capture_time: datetime | None,
                        objects: Objects | None) -> pb.TrackRequest:
         assert self._codec is not None
+        self._client.check_process()
         message = pb.TrackRequest()
         message.frame.index = self._frames
         message.frame.data = self._codec.data(frame)
@@ -149,6 +151,7 @@ class BaseClient(Generic[SessionType]):
     def __init__(self, address: Union[str, Sequence[str]] = "localhost:50051", *, tls: Union[bool, Tls] = False,
                  token: str | None = None, reconnect: Reconnect | None = Reconnect(), timeout: float = 30.0) -> None:
         self._prepare()
+        self._process = os.getpid()
         self.addresses = addresses_of(address)
         if reconnect is not None and not isinstance(reconnect, Reconnect):
             raise TypeError(f"reconnect is {reconnect!r}, expected a Reconnect or None: sessions end with their server")
@@ -159,6 +162,12 @@ class BaseClient(Generic[SessionType]):
 
     def _prepare(self) -> None:
         """Before there are channels."""
+
+    def check_process(self) -> None:
+        """RuntimeError in a fork of the client's process, where gRPC's threads, and those of sessions, are not."""
+        if os.getpid() != self._process:
+            raise RuntimeError(f"this client belongs to process {self._process}, and a fork cannot use it: make one in "
+                               "each process, and start processes by spawn or before the first client")
 
     def session(self, points: Points = (), *, objects: Objects | None = None, object_points: int = 0,
                 reseed: bool = True, size: tuple[int, int] | None = None, hop: int | tuple[int, int] = 0,
@@ -174,6 +183,7 @@ class BaseClient(Generic[SessionType]):
         OpenCV or Pillow is), 'jpeg', 'raw'; `label`: for the server's logs; `frames_per_second`: the pace that the
         server has to promise, 0 for none.
         """
+        self.check_process()
         least_hop, most_hop = hop if isinstance(hop, tuple) else (hop, 0)
         config = pb.SessionConfig(points=to_points(points), hop_frames=_whole("hop", least_hop),
                                   max_hop_frames=_whole("hop", most_hop), label=label,
@@ -189,6 +199,7 @@ class BaseClient(Generic[SessionType]):
         return self._session_type(self, config, encoding, placement)
 
     def _info_call(self, server: int) -> Any:
+        self.check_process()
         ask = self._channels[server].unary_unary(_SERVICE + "GetServerInfo", pb.GetServerInfoRequest.SerializeToString,
                                                  pb.GetServerInfoResponse.FromString)
         return ask(pb.GetServerInfoRequest(), timeout=self.timeout, metadata=self._metadata)

@@ -262,6 +262,16 @@ class ClientTest(support.ServedTest, unittest.TestCase):
             with self.assertRaises(ValueError):
                 self.client().track([wrong], POINTS)
 
+    def test_a_fork_cannot_use_its_parents_client(self):
+        client = self.client()
+        session = client.session(POINTS, encoding="raw")
+        self.addCleanup(session.cancel)
+        session.push(PICTURES[0])
+        with unittest.mock.patch("os.getpid", return_value=os.getpid() + 1):
+            for use in (lambda: client.track(PICTURES, POINTS), lambda: session.push(PICTURES[1]), client.info):
+                with self.assertRaisesRegex(RuntimeError, f"belongs to process {os.getpid() - 1}, .* spawn"):
+                    use()
+
     def test_an_error_of_the_callers_own_is_the_callers_own(self):
         def frames():
             yield from PICTURES[:5]
