@@ -35,8 +35,8 @@ std::string StatePath(const std::string& directory, int64_t step) {
 std::set<int64_t, std::greater<int64_t>> StepsIn(const std::string& directory) {
   std::set<int64_t, std::greater<int64_t>> steps;
   std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator(directory, error)) {
-    const std::string name = entry.path().filename().string();
+  for (std::filesystem::directory_iterator it(directory, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
     absl::string_view digits = name;
     int64_t step = 0;
     if (!absl::ConsumePrefix(&digits, "checkpoint-") || !absl::ConsumeSuffix(&digits, ".safetensors")) continue;

@@ -21,8 +21,7 @@ constexpr int64_t kMaxMaskPixels = int64_t{1} << 28;
 constexpr int kMedianReach = 3;  // pixels to each side
 
 absl::StatusOr<cv::Mat> ReadImage(const std::string& path, int flags) {
-  std::error_code error;
-  if (!std::filesystem::exists(path, error)) return absl::NotFoundError(absl::StrCat("no file ", path));
+  if (!Exists(path)) return absl::NotFoundError(absl::StrCat("no file ", path));
   try {
     cv::Mat image = cv::imread(path, flags);
     if (!image.empty()) return image;
@@ -100,6 +99,11 @@ int32_t MedianAround(const cv::Mat& mask, int x, int y) {
 }
 
 }  // namespace
+
+bool Exists(const std::filesystem::path& path) {
+  std::error_code unknown;
+  return std::filesystem::exists(path, unknown);
+}
 
 absl::StatusOr<cv::Mat> ReadFrame(const std::string& path) {
   absl::StatusOr<cv::Mat> image = ReadImage(path, cv::IMREAD_COLOR);

@@ -2,8 +2,8 @@
 // Frames and masks of data sets, read with errors instead of empty images.
 #pragma once
 
+#include <filesystem>
 #include <opencv2/core.hpp>
-
 #include <string>
 #include <vector>
 
@@ -13,6 +13,9 @@
 
 namespace holdfast {
 
+// Whether there is something at 'path'. No where that cannot be told: in a directory that may not be read, behind a
+// name that is too long.
+bool Exists(const std::filesystem::path& path);
 // [H, W] CV_8UC3 RGB. NOT_FOUND or DATA_LOSS with the path.
 absl::StatusOr<cv::Mat> ReadFrame(const std::string& path);
 // [H, W] CV_32SC1 ids: grey values of 8 or 16 bits, places in the palette of a PNG that has one (as PointOdyssey's

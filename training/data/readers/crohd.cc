@@ -170,7 +170,7 @@ std::vector<fs::path> FindSequences(const fs::path& root) {
     std::vector<fs::path> found;
     std::error_code error;
     for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-      if (fs::exists(it->path() / "gt" / "gt.txt")) found.push_back(it->path());
+      if (Exists(it->path() / "gt" / "gt.txt")) found.push_back(it->path());
     }
     std::sort(found.begin(), found.end());
     if (!found.empty()) return found;

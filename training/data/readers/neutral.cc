@@ -93,9 +93,9 @@ std::vector<std::string> NumberedFiles(const fs::path& folder) {
   std::vector<std::string> paths;
   for (int64_t i = 0;; ++i) {
     const fs::path jpeg = folder / absl::StrFormat("%05d.jpg", i), png = folder / absl::StrFormat("%05d.png", i);
-    if (fs::exists(jpeg)) {
+    if (Exists(jpeg)) {
       paths.push_back(jpeg.string());
-    } else if (fs::exists(png)) {
+    } else if (Exists(png)) {
       paths.push_back(png.string());
     } else {
       return paths;
@@ -215,11 +215,11 @@ absl::StatusOr<std::unique_ptr<Dataset>> Neutral::Create(const NeutralOptions& o
   }
   std::vector<fs::path> clips;
   std::error_code error;
-  if (fs::exists(fs::path(options.root) / "tracks.json")) clips.emplace_back(options.root);
+  if (Exists(fs::path(options.root) / "tracks.json")) clips.emplace_back(options.root);
   const bool folder_of_clips = clips.empty();
   for (fs::directory_iterator it(options.root, error), end; folder_of_clips && !error && it != end;
        it.increment(error)) {
-    if (fs::exists(it->path() / "tracks.json")) clips.push_back(it->path());
+    if (Exists(it->path() / "tracks.json")) clips.push_back(it->path());
   }
   std::sort(clips.begin(), clips.end());
   if (clips.empty()) return absl::NotFoundError(absl::StrCat("no clips (tracks.json) in ", options.root));

@@ -159,7 +159,7 @@ std::vector<Sequence> SequencesOf(const fs::path& split) {
   for (fs::directory_iterator it(split, error), end; !error && it != end; it.increment(error)) {
     for (const char* name : {"anno.npz", "annotations.npz"}) {
       const fs::path annotations = it->path() / name;
-      if (!fs::exists(annotations)) continue;
+      if (!Exists(annotations)) continue;
       sequences.push_back({it->path(), annotations, CountFiles(it->path() / "rgbs", ".jpg"),
                            CountFiles(it->path() / "masks", ".png") > 0});
       break;

@@ -117,6 +117,16 @@ TEST_F(CrohdTest, AMissingFrameIsAnError) {
   EXPECT_THAT(Get(Options()), StatusIs(absl::StatusCode::kNotFound, HasSubstr("000003.jpg")));
 }
 
+// As where it may not be read: what there is behind it cannot be told.
+TEST_F(CrohdTest, AnEntryThatCannotBeLookedIntoIsNoSequence) {
+  WriteLabels(Rows());
+  fs::create_symlink("loop", sequence_.parent_path() / "loop");
+  EXPECT_THAT(Get(Options()), IsOk());
+  CrohdOptions options = Options();
+  options.root = std::string(300, 'x');
+  EXPECT_THAT(Crohd::Create(options).status(), StatusIs(absl::StatusCode::kNotFound));
+}
+
 TEST_F(CrohdTest, ADirectoryWithoutSequencesIsRefused) {
   EXPECT_THAT(Crohd::Create(Options()), StatusIs(absl::StatusCode::kNotFound));
 }

@@ -209,6 +209,21 @@ TEST_F(NeutralTest, MissingAndDamagedPicturesAreErrors) {
   EXPECT_THAT(Get(Options()), StatusIs(absl::StatusCode::kNotFound));
 }
 
+// As where it may not be read: what there is behind it cannot be told.
+TEST_F(NeutralTest, AnEntryThatCannotBeLookedIntoIsNoClip) {
+  fs::create_symlink("loop", root_.path() / "loop");
+  EXPECT_THAT(Neutral::Create(Options()).status(), StatusIs(absl::StatusCode::kNotFound));
+  fs::create_directories(root_.path() / "clip");
+  std::ofstream(root_.path() / "clip" / "tracks.json") << R"({"width": 40, "height": 30, "points": []})";
+  ASSERT_THAT(Neutral::Create(Options()), IsOk());
+  EXPECT_EQ((*Neutral::Create(Options()))->size(), 1u);
+  fs::create_symlink("frames", root_.path() / "clip" / "frames");
+  EXPECT_THAT(Get(Options()).status(), StatusIs(absl::StatusCode::kNotFound, HasSubstr("no frames")));
+  NeutralOptions options;
+  options.root = std::string(300, 'x');
+  EXPECT_THAT(Neutral::Create(options).status(), StatusIs(absl::StatusCode::kNotFound));
+}
+
 TEST_F(NeutralTest, ADirectoryWithoutClipsIsRefused) {
   EXPECT_THAT(Neutral::Create(Options()), StatusIs(absl::StatusCode::kNotFound));
 }

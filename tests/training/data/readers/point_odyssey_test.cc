@@ -289,6 +289,17 @@ TEST_F(PointOdysseyTest, DamagedSequencesAreSkippedAndCountedWhileTrainingGoesOn
   EXPECT_GE(loader->skipped(), 5);
 }
 
+// As where it may not be read: what there is behind it cannot be told.
+TEST_F(PointOdysseyTest, AnEntryThatCannotBeLookedIntoIsNoSequence) {
+  PointOdysseyOptions options;
+  options.root = root_.path().string();
+  fs::create_directories(root_.path() / options.split);
+  fs::create_symlink("loop", root_.path() / options.split / "loop");
+  EXPECT_THAT(PointOdyssey::Create(options).status(), StatusIs(absl::StatusCode::kNotFound));
+  options.root = std::string(300, 'x');
+  EXPECT_THAT(PointOdyssey::Create(options).status(), StatusIs(absl::StatusCode::kNotFound));
+}
+
 TEST_F(PointOdysseyTest, AnEmptySplitAndWrongOptionsAreRefused) {
   EXPECT_THAT(PointOdyssey::Create(Options()), StatusIs(absl::StatusCode::kNotFound));
   WriteSequence("ani", Annotations());
