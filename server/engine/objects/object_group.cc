@@ -23,13 +23,13 @@ constexpr double kLeastPixels = 2;
 constexpr double kLeastFirst = 0.3;  // of all points: first ones that tell the motion without those that came later
 // Two points that see something else make a similarity too, and a third may agree by chance. Sure is what so many agree
 // on that this hardly happens; what fewer do is believed where it is a small step from the motion before.
-constexpr size_t kLeastSure = 5;          // points; of an object of fewer than six, all but one
-constexpr double kLeastConfirming = 0.3;  // of all that have not left: that agree beside two
-constexpr double kLeastUnsure = 2.0 / 3;  // of the visible ones, to be believed at all
-constexpr double kUnsureStep = 0.25;      // of the object's size: how far it may take any of its points
-constexpr double kUnsurePixels = 8;       // or so far
-constexpr int kFramesToLeave = 3;         // in a row that a point lies too far off before it has left
-constexpr int kFramesToReturn = 6;        // in a row that it does not before it is back
+constexpr size_t kLeastSure = 5;           // points; of an object of fewer than six, all but one
+constexpr double kLeastConfirming = 0.15;  // of all that have not left: that agree beside two
+constexpr double kLeastUnsure = 2.0 / 3;   // of the visible ones, to be believed at all
+constexpr double kUnsureStep = 0.25;       // of the object's size: how far it may take any of its points
+constexpr double kUnsurePixels = 8;        // or so far
+constexpr int kFramesToLeave = 3;          // in a row that a point lies too far off before it has left
+constexpr int kFramesToReturn = 6;         // in a row that it does not before it is back
 
 // The median distance of the votes from where 'motion' leads.
 double Typical(const std::vector<Displacement>& votes, const Similarity& motion) {
