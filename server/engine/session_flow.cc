@@ -136,34 +136,38 @@ bool SessionFlow::CanGrowLocked(const Entry& entry, const Chain& chain) const {
   return chain.head() >= oldest_ && chain.head() < std::min(wanted, entry.last_frame);
 }
 
+SessionFlow::Entry* SessionFlow::EntryOfLocked(const Head& head) {
+  const auto found = entries_.find(head.serial);
+  return found != entries_.end() && found->second.generation == head.generation ? &found->second : nullptr;
+}
+
 void SessionFlow::GrowLocked(const Work& work, absl::Span<const FlowStep> steps) {
   for (size_t i = 0; i < work.heads.size(); ++i) {
     const Head& head = work.heads[i];
-    const auto found = entries_.find(head.serial);
-    if (found == entries_.end() || found->second.generation != head.generation) continue;
-    Chain& chain = head.live ? *found->second.live : found->second.chain;
+    Entry* const entry = EntryOfLocked(head);
+    if (entry == nullptr) continue;
+    Chain& chain = head.live ? *entry->live : entry->chain;
     chain.points.push_back(steps[i].at);
     chain.confidence.push_back(ConfidenceAfter(chain.confidence.back(), steps[i]));
   }
 }
 
-std::vector<SessionFlow::Search> SessionFlow::TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps) const {
+std::vector<SessionFlow::Search> SessionFlow::TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps) {
   std::vector<Search> searches;
   for (size_t i = 0; i < work.heads.size(); ++i) {
     const Head& head = work.heads[i];
-    const auto found = entries_.find(head.serial);
-    if (found == entries_.end() || found->second.generation != head.generation) continue;
-    const Entry& entry = found->second;
-    const bool window_next = !head.live && options_.starts && work.frame + 1 == entry.chain.until;
-    if (!window_next || entry.patch == nullptr || entry.chain.first < oldest_) continue;
-    if (ConfidenceAfter(entry.chain.confidence.back(), steps[i]) >= kDoubtBelow) continue;
+    const Entry* const entry = EntryOfLocked(head);
+    if (entry == nullptr || entry->patch == nullptr || head.live || !options_.starts) continue;
+    const Chain& chain = entry->chain;
+    if (work.frame + 1 != chain.until || chain.first < oldest_) continue;
+    if (ConfidenceAfter(chain.confidence.back(), steps[i]) >= kDoubtBelow) continue;
     if (searches.size() == kMostSearches) {
       work.heads.resize(i);
       break;
     }
-    Search search{head, entry.patch, {nullptr, {}, entry.chain.points}};
+    Search search{head, entry->patch, {nullptr, {}, chain.points}};
     search.chain.points.push_back(steps[i].at);
-    const auto pictures = pyramids_.begin() + (entry.chain.first - oldest_);
+    const auto pictures = pyramids_.begin() + (chain.first - oldest_);
     search.chain.pictures.assign(pictures, pictures + static_cast<ptrdiff_t>(search.chain.points.size()));
     searches.push_back(std::move(search));
   }
@@ -171,8 +175,7 @@ std::vector<SessionFlow::Search> SessionFlow::TakeSearchesLocked(Work& work, abs
 }
 
 void SessionFlow::ReplaceLocked(const Head& head, const std::vector<FlowPoint>& points) {
-  const auto found = entries_.find(head.serial);
-  if (found != entries_.end() && found->second.generation == head.generation) found->second.chain.points = points;
+  if (Entry* const entry = EntryOfLocked(head)) entry->chain.points = points;
 }
 
 std::vector<PointRun> SessionFlow::TakeLive() {

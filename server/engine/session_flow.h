@@ -167,10 +167,12 @@ class SessionFlow {
   void EndLocked(PointId id, int64_t last_frame, int64_t stop) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Work NextWorkLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool CanGrowLocked(const Entry& entry, const Chain& chain) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Null where the head's chain has begun anew, or its track is gone.
+  Entry* EntryOfLocked(const Head& head) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void GrowLocked(const Work& work, absl::Span<const FlowStep> steps) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Of heads that come to the end of their windows by these steps. Those that are too many at once are taken out of
   // 'work', and come again.
-  std::vector<Search> TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps) const
+  std::vector<Search> TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static std::vector<LostChain> FindLost(absl::Span<Search> searches, float max_round_trip);
   void ReplaceLocked(const Head& head, const std::vector<FlowPoint>& points) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
