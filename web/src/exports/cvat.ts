@@ -20,7 +20,7 @@ function byCodePoint(a: string, b: string): number {
   return at < 0 ? x!.length - y!.length : x![at]! - (y![at] ?? -1);
 }
 
-function meta({ tracks, frames, width, height }: Table): string {
+function meta(tracks: Track[], { frames, width, height }: Table): string {
   const labels = [...new Set(tracks.map(labelOf))].sort(byCodePoint);
   const described = labels.map((label) => `<label><name>${label}</name><type>points</type><attributes></attributes></label>\n`);
   return (
@@ -48,9 +48,16 @@ function shapes(track: Track, { frames, width, height }: Table): string {
   return lines;
 }
 
-/** CVAT for video 1.1, byte for byte that of `holdfast track`: a track a point, with a shape for each frame. */
+/**
+ * CVAT for video 1.1, byte for byte that of `holdfast track`: a track a point, with a shape for each frame. CVAT does not
+ * import a file with a track that has no shape: a point that is known on no frame is left out, with its label.
+ */
 export function toCvat(table: Table): string {
-  const tracks = table.tracks.map(
-    (track) => `<track id="${track.id}" label="${labelOf(track)}" source="auto">\n${shapes(track, table)}</track>\n`);
-  return `<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n<version>1.1</version>\n${meta(table)}${tracks.join("")}</annotations>\n`;
+  const known = table.tracks.map((track) => ({ track, shapes: shapes(track, table) })).filter(({ shapes }) => shapes);
+  const tracks = known.map(
+    ({ track, shapes }) => `<track id="${track.id}" label="${labelOf(track)}" source="auto">\n${shapes}</track>\n`);
+  return (
+    `<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n<version>1.1</version>\n` +
+    `${meta(known.map(({ track }) => track), table)}${tracks.join("")}</annotations>\n`
+  );
 }

@@ -60,6 +60,14 @@ test("CVAT's labels are in the order of their letters' bytes, and have no charac
   expect([...toCvat(table).matchAll(/<name>(.*?)</g)].map(([, name]) => name)).toEqual(["a b", "\uffee", "\u{1f43e}"]);
 });
 
+test("CVAT has no track without a shape, with which it would not import the file", () => {
+  const store = new TrackStore();
+  store.seed(7, 2).name = "late";
+  const text = toCvat({ ...threePoints(), tracks: [...threePoints().tracks, ...store.tracks], frames: 2 });
+  expect([...text.matchAll(/<track id="(\d+)"/g)].map(([, id]) => id)).toEqual(["4", "7", "9"]);
+  expect(text).not.toContain("late");
+});
+
 test("JSON has objects as the command line does, with the ids that its file has for their points", () => {
   const store = new TrackStore();
   const object = store.seedObject(1, 0);
