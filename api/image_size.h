@@ -21,6 +21,15 @@ struct ImageSize {
 
 inline int64_t Pixels(ImageSize size) { return int64_t{size.width} * size.height; }
 
+inline bool IsUpright(ImageSize size) { return size.height > size.width; }
+
+// 'size' with its sides exchanged if one of both stands upright and the other lies. An empty 'shape' or a square one
+// leaves it as it is.
+inline ImageSize TurnedLike(ImageSize size, ImageSize shape) {
+  const bool turn = shape.height != shape.width && size.height != size.width && IsUpright(shape) != IsUpright(size);
+  return turn ? ImageSize{size.height, size.width} : size;
+}
+
 // Whether the network can work at this size: both sides positive multiples of kProcessingSizeStep.
 constexpr bool IsProcessingSize(ImageSize size) {
   return size.width > 0 && size.height > 0 && size.width % kProcessingSizeStep == 0 &&

@@ -76,7 +76,8 @@ enum class Emit {
 struct SessionConfig {
   FrameEncoding encoding = FrameEncoding::kJpeg;
   ImageSize raw_size;            // of every frame; required for raw encodings, empty otherwise
-  ImageSize processing_size;     // multiples of 32; empty: the engine's default
+  ImageSize frame_size;          // of every frame, as far as it is known; only its shape counts
+  ImageSize processing_size;     // multiples of 32; empty: the engine's default, turned as raw_size or frame_size is
   int hop_frames = 0;            // 1..window-1 new frames between windows; 0: the engine's default
   int iterations = 0;            // refinement iterations of a window; 0: the engine's default
   bool send_provisional = true;  // kEveryFrame needs it

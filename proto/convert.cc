@@ -116,6 +116,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   v1::SessionConfig out;
   out.set_encoding(EncodingToProto(config.encoding));
   if (!config.raw_size.empty()) SizeToProto(config.raw_size, out.mutable_raw_size());
+  if (!config.frame_size.empty()) SizeToProto(config.frame_size, out.mutable_frame_size());
   if (!config.processing_size.empty()) SizeToProto(config.processing_size, out.mutable_processing_size());
   out.set_hop_frames(config.hop_frames);
   out.set_iterations(config.iterations);
@@ -139,6 +140,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   SessionConfig out;
   out.encoding = EncodingFromProto(config.encoding(), violations);
   if (config.has_raw_size()) out.raw_size = CheckedSize(config.raw_size(), "config.raw_size", violations);
+  if (config.has_frame_size()) out.frame_size = CheckedSize(config.frame_size(), "config.frame_size", violations);
   if (config.has_processing_size()) {
     out.processing_size = CheckedSize(config.processing_size(), "config.processing_size", violations);
   }

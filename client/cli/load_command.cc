@@ -70,6 +70,7 @@ absl::StatusOr<Film> ReadFilm(const LoadOptions& options) {
 SessionConfig ConfigOf(const LoadOptions& options, ImageSize size) {
   SessionConfig config;
   config.encoding = FrameEncoding::kJpeg;
+  config.frame_size = size;
   config.processing_size = options.processing_size;
   config.hop_frames = options.hop.least;
   config.max_hop_frames = options.hop.most;

@@ -10,7 +10,7 @@ namespace holdfast {
 absl::StatusOr<TrackQueries> TrackQueries::Create(const TrackOptions& options, const FrameEncoder& encoder,
                                                   const std::vector<StartPoint>& points,
                                                   std::optional<StartObject> object) {
-  TrackQueries queries(options, std::move(object));
+  TrackQueries queries(options, encoder.sent_size(), std::move(object));
   for (const StartPoint& point : points) {
     queries.starts_[point.frame].push_back(encoder.ToSent(point.query));
     queries.frames_.insert(point.frame);
@@ -27,6 +27,7 @@ absl::StatusOr<TrackQueries> TrackQueries::Create(const TrackOptions& options, c
 SessionConfig TrackQueries::Config() const {
   SessionConfig config;
   config.encoding = FrameEncoding::kJpeg;
+  config.frame_size = sent_size_;
   config.processing_size = options_->processing_size;
   config.hop_frames = options_->hop.least;
   config.max_hop_frames = options_->hop.most;

@@ -41,11 +41,12 @@ class TrackQueries {
   void NameObjectPoints(TrackUpdate& update) const;
 
  private:
-  TrackQueries(const TrackOptions& options, std::optional<StartObject> object)
-      : options_(&options), object_(std::move(object)) {}
+  TrackQueries(const TrackOptions& options, ImageSize sent_size, std::optional<StartObject> object)
+      : options_(&options), sent_size_(sent_size), object_(std::move(object)) {}
   int ObjectPoints() const;
 
   const TrackOptions* options_;
+  ImageSize sent_size_;  // of every frame
   std::optional<StartObject> object_;
   ObjectQuery sent_object_;
   std::map<int64_t, std::vector<PointQuery>> starts_;

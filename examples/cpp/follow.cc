@@ -32,14 +32,16 @@ int main(int argc, char** argv) {
   const auto tracker = holdfast::RemoteTracker::Connect(options);
   if (!tracker.ok()) return Fail(tracker.status());
 
+  const std::string input = argv[2];
+  cv::VideoCapture video = input == "camera" ? cv::VideoCapture(0) : cv::VideoCapture(input);
   holdfast::SessionConfig config;
+  config.frame_size = {static_cast<int>(video.get(cv::CAP_PROP_FRAME_WIDTH)),
+                       static_cast<int>(video.get(cv::CAP_PROP_FRAME_HEIGHT))};
   config.points = {{/*id=*/0, std::strtof(argv[3], nullptr), std::strtof(argv[4], nullptr)}};
   Printer printer;
   const auto stream = (*tracker)->Open(config, printer);
   if (!stream.ok()) return Fail(stream.status());
 
-  const std::string input = argv[2];
-  cv::VideoCapture video = input == "camera" ? cv::VideoCapture(0) : cv::VideoCapture(input);
   cv::Mat picture;
   std::vector<unsigned char> jpeg;
   for (holdfast::Frame frame; video.read(picture); ++frame.index) {

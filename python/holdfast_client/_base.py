@@ -12,7 +12,7 @@ import numpy as np
 
 from . import errors
 from ._channel import Tls, addresses_of, metadata_of, open_channel
-from ._frames import Frame, FrameCodec, Points, to_points
+from ._frames import Frame, FrameCodec, Points, size_of, to_points
 from ._objects import Objects, Placement, to_objects
 from ._plan import Reconnect, Route
 from ._proto import point_tracking_pb2 as pb
@@ -56,6 +56,8 @@ class BaseSession:
         config.encoding = self._codec.encoding
         if self._codec.raw_size is not None:
             config.raw_size.width, config.raw_size.height = self._codec.raw_size
+        if (size := size_of(first)) is not None:
+            config.frame_size.width, config.frame_size.height = size
 
     def _frame_message(self, frame: Frame, points: Points, capture_time: datetime | None,
                        objects: Objects | None) -> pb.TrackRequest:

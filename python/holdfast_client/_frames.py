@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import struct
 from collections.abc import Iterable, Mapping
 from typing import Any, Union
 
@@ -45,6 +46,33 @@ def check_picture(picture: Any) -> np.ndarray:
     if picture.dtype != np.uint8 or not (len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)) or picture.size == 0:
         raise ValueError(f"a frame is {picture.dtype} {list(shape)}, expected uint8 [H, W, 3] in RGB or uint8 [H, W]")
     return picture
+
+
+def size_of(frame: Frame) -> tuple[int, int] | None:
+    """Its (width, height); None where a file does not say."""
+    if not isinstance(frame, bytes):
+        height, width = check_picture(frame).shape[:2]
+        return width, height
+    return _jpeg_size(frame) if frame.startswith(_JPEG) else _png_size(frame)
+
+
+def _png_size(file: bytes) -> tuple[int, int] | None:
+    if not file.startswith(_PNG) or len(file) < 24:
+        return None
+    width, height = struct.unpack_from(">II", file, 16)
+    return width, height
+
+
+def _jpeg_size(file: bytes) -> tuple[int, int] | None:
+    """As the frame header says, the segment whose marker is one of ff c0 .. ff cf but those of tables."""
+    at = 2
+    while at + 9 <= len(file):
+        marker, length = file[at + 1], struct.unpack_from(">H", file, at + 2)[0]
+        if 0xc0 <= marker <= 0xcf and marker not in (0xc4, 0xc8, 0xcc):
+            height, width = struct.unpack_from(">HH", file, at + 5)
+            return width, height
+        at += 2 + length
+    return None
 
 
 class FrameCodec:

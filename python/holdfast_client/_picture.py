@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Union
 
 import numpy as np
 
-from ._frames import Frame, check_picture
+from ._frames import Frame, check_picture, size_of
 
 if TYPE_CHECKING:
     from .tracks import Tracks
@@ -71,31 +71,12 @@ def _extent(tracks: Tracks) -> tuple[int, int]:
 def _embed(frame: Frame) -> tuple[str, tuple[int, int]]:
     """A frame as an address that has it inside, and its size."""
     if isinstance(frame, bytes):
-        jpeg = frame.startswith(b"\xff\xd8")
-        kind, data, size = "jpeg" if jpeg else "png", frame, _jpeg_size(frame) if jpeg else _png_size(frame)
+        kind, data = "jpeg" if frame.startswith(b"\xff\xd8") else "png", frame
     else:
-        picture = check_picture(frame)
-        kind, data, size = "png", _png(picture), (picture.shape[1], picture.shape[0])
+        kind, data = "png", _png(check_picture(frame))
+    if (size := size_of(frame)) is None:
+        raise ValueError("a frame's bytes are those of neither a JPEG nor a PNG with a size")
     return f"data:image/{kind};base64," + base64.b64encode(data).decode(), size
-
-
-def _png_size(file: bytes) -> tuple[int, int]:
-    if not file.startswith(b"\x89PNG") or len(file) < 24:
-        raise ValueError("a frame's bytes are neither JPEG nor PNG")
-    width, height = struct.unpack_from(">II", file, 16)
-    return width, height
-
-
-def _jpeg_size(file: bytes) -> tuple[int, int]:
-    """As the frame header says, the segment whose marker is one of ff c0 .. ff cf but those of tables."""
-    at = 2
-    while at + 9 <= len(file):
-        marker, length = file[at + 1], struct.unpack_from(">H", file, at + 2)[0]
-        if 0xc0 <= marker <= 0xcf and marker not in (0xc4, 0xc8, 0xcc):
-            height, width = struct.unpack_from(">HH", file, at + 5)
-            return width, height
-        at += 2 + length
-    raise ValueError("a frame's JPEG has no size")
 
 
 def _png(picture: np.ndarray) -> bytes:

@@ -31,6 +31,7 @@ TEST(ConvertTest, ConfigSurvivesTheRoundTrip) {
   SessionConfig config;
   config.encoding = FrameEncoding::kBgr24;
   config.raw_size = {641, 479};
+  config.frame_size = {480, 854};
   config.processing_size = {512, 384};
   config.hop_frames = 5;
   config.max_hop_frames = 11;
@@ -44,6 +45,7 @@ TEST(ConvertTest, ConfigSurvivesTheRoundTrip) {
   ASSERT_THAT(back, IsOk());
   EXPECT_EQ(back->encoding, config.encoding);
   EXPECT_EQ(back->raw_size, config.raw_size);
+  EXPECT_EQ(back->frame_size, config.frame_size);
   EXPECT_EQ(back->processing_size, config.processing_size);
   EXPECT_EQ(back->hop_frames, 5);
   EXPECT_EQ(back->max_hop_frames, 11);
@@ -92,6 +94,7 @@ TEST(ConvertTest, EveryWrongFieldOfAConfigIsNamed) {
               ElementsAre("config.encoding"));
   EXPECT_THAT(fields_of([](auto& c) { c.set_emit(static_cast<v1::Emit>(2)); }), ElementsAre("config.emit"));
   EXPECT_THAT(fields_of([](auto& c) { c.mutable_raw_size()->set_width(8); }), ElementsAre("config.raw_size"));
+  EXPECT_THAT(fields_of([](auto& c) { c.mutable_frame_size()->set_width(8); }), ElementsAre("config.frame_size"));
   EXPECT_THAT(fields_of([](auto& c) { c.mutable_processing_size()->set_width(512); }),
               ElementsAre("config.processing_size"));
   EXPECT_THAT(fields_of([](auto& c) {
@@ -123,6 +126,7 @@ TEST(ConvertTest, WhatOnlyTheEngineCanJudgeIsPassedOnAsItIs) {
   const absl::StatusOr<SessionConfig> plain = FromProto(config);
   ASSERT_THAT(plain, IsOk());
   EXPECT_TRUE(plain->raw_size.empty());
+  EXPECT_TRUE(plain->frame_size.empty());
   EXPECT_EQ(plain->processing_size, (ImageSize{33, 5}));
   EXPECT_EQ(plain->emit, Emit::kEveryFrame);
   EXPECT_FALSE(plain->send_provisional);

@@ -16,6 +16,7 @@ import support
 from support import FRAMES, PICTURES, POINTS
 
 import holdfast_client
+from holdfast_client._picture import _png
 
 
 # Says when its session stands and, once it has read a line, when it waits for the end.
@@ -84,6 +85,20 @@ class ClientTest(support.ServedTest, unittest.TestCase):
             self.assertTrue(updates)
             self.assertLess(updates[0].frames_received, FRAMES)
         self.assertIn(77, session.tracks().ids)
+
+    def test_upright_frames_are_processed_upright(self):
+        upright = np.zeros((support.WIDTH, support.HEIGHT), np.uint8)
+        for first, encoding, size, expected in ((upright, "jpeg", None, (96, 128)), (upright, "raw", None, (96, 128)),
+                                                (upright.T, "jpeg", None, (128, 96)),
+                                                (_png(upright), "auto", None, (96, 128)),
+                                                (upright, "jpeg", (128, 64), (128, 64))):
+            with self.subTest(shape=getattr(first, "shape", "PNG"), encoding=encoding, size=size):
+                with self.client().session(encoding=encoding, size=size) as session:
+                    session.push(first)
+                    session.updates(timeout=30)
+                    processed = session.accepted.processing_size
+                    self.assertEqual((processed.width, processed.height), expected)
+                    session.cancel()
 
     def test_a_session_without_points_says_how_far_it_is(self):
         with self.client().session(encoding="raw") as session:

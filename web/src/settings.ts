@@ -63,11 +63,15 @@ export function formatSettings(settings: Settings): string {
 }
 
 /** What a session is asked for. */
-export function sessionConfig({ size, hop, iterations, live, prior, polish }: Settings): SessionConfig {
+export function sessionConfig(
+  { size, hop, iterations, live, prior, polish }: Settings,
+  frameSize: { width: number; height: number },
+): SessionConfig {
   const [width, height] = size.split("x").map(Number);
   const choice = (word: string) => (word ? { value: word === "on" } : null);
   return makeConfig({
     encoding: FrameEncoding.JPEG,
+    frameSize,
     processingSize: width && height ? { width, height } : undefined,
     hopFrames: hop,
     iterations,

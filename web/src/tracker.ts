@@ -106,7 +106,8 @@ export class Tracker implements Observer {
 
   /** Begins a run, from the first frame on. */
   start(): void {
-    if (!this.source.value || this.phase.value === "loading") return;
+    const source = this.source.value;
+    if (!source || this.phase.value === "loading") return;
     if (this.frames.first > 0) {
       return this.say("The first frames of this run are not kept any more: it cannot begin anew.", true);
     }
@@ -118,7 +119,7 @@ export class Tracker implements Observer {
       if ("placed" in made) this.tracks.seed(made.id, made.placed[0]!.frame).name = made.name;
       else this.tracks.seedObject(made.id, made.frame).given = made.name;
     }
-    this.session = new SessionState(sessionConfig(this.settings()));
+    this.session = new SessionState(sessionConfig(this.settings(), { width: source.width, height: source.height }));
     this.connection = new Connection(this.session, this.world, this);
     batch(() => {
       this.phase.value = "running";

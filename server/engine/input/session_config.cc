@@ -55,6 +55,12 @@ int LeastHop(const SessionConfig& config, const EngineOptions& options, int wind
 // point, and save nothing.
 int CheckpointInterval(int wanted, int hop_frames) { return wanted > 0 ? std::max(wanted, hop_frames) : wanted; }
 
+// Frames that are squeezed to a third of their height turn another way than they do: a default stands as they do.
+ImageSize ProcessingSize(const SessionConfig& config, const EngineOptions& options) {
+  if (!config.processing_size.empty()) return config.processing_size;
+  return TurnedLike(options.processing_size, config.raw_size.empty() ? config.frame_size : config.raw_size);
+}
+
 bool Switch(const std::optional<bool>& wanted, bool standard, const EngineOptions& options) {
   return wanted.value_or(standard && options.chaining != Chaining::kPublished);
 }
@@ -113,7 +119,7 @@ absl::StatusOr<SessionAccepted> Negotiate(const SessionConfig& config, const Eng
   if (config.max_points > 0) accepted.limits.max_points = std::min(config.max_points, options.limits.max_points);
   const int64_t count = static_cast<int64_t>(config.points.size()) + PointsOf(config.objects);
   if (absl::Status status = CheckPointCount(count, accepted.limits.max_points); !status.ok()) return status;
-  accepted.processing_size = config.processing_size.empty() ? options.processing_size : config.processing_size;
+  accepted.processing_size = ProcessingSize(config, options);
   accepted.window_frames = model.window_frames;
   accepted.iterations = config.iterations == 0 ? options.iterations : config.iterations;
   accepted.emit = config.emit;

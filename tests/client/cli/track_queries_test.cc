@@ -48,6 +48,7 @@ TEST_F(TrackQueriesTest, WhatStartsOnTheFirstFrameIsInTheConfigAndTheRestWithIts
   const TrackQueries queries = Make();
   EXPECT_THAT(queries.frames(), ElementsAre(2, 5, 7));
   const SessionConfig config = queries.Config();
+  EXPECT_EQ(config.frame_size, (ImageSize{32, 24})) << "of what is sent";
   ASSERT_THAT(config.points, SizeIs(2));
   EXPECT_EQ(config.points[0].x, 10.5f) << "in pixels of what is sent";
   EXPECT_THAT(config.objects, IsEmpty());

@@ -30,6 +30,29 @@ TEST(SessionConfigTest, FillsInTheDefaults) {
   EXPECT_EQ(accepted->window_frames, 24);
 }
 
+TEST(SessionConfigTest, TheDefaultProcessingSizeStandsAsTheFramesDo) {
+  const auto processed = [](ImageSize frame_size, ImageSize raw_size, ImageSize standard, ImageSize wanted = {}) {
+    SessionConfig config;
+    config.encoding = raw_size.empty() ? FrameEncoding::kJpeg : FrameEncoding::kRgb24;
+    config.frame_size = frame_size;
+    config.raw_size = raw_size;
+    config.processing_size = wanted;
+    EngineOptions options;
+    options.processing_size = standard;
+    return Negotiate(config, options, {})->processing_size;
+  };
+  const ImageSize lying{512, 384}, upright{384, 512}, square{384, 384};
+  EXPECT_EQ(processed({480, 854}, {}, lying), upright);
+  EXPECT_EQ(processed({854, 480}, {}, lying), lying);
+  EXPECT_EQ(processed({854, 480}, {}, upright), lying);
+  EXPECT_EQ(processed({480, 480}, {}, lying), lying);
+  EXPECT_EQ(processed({480, 854}, {}, square), square);
+  EXPECT_EQ(processed({}, {}, lying), lying);
+  EXPECT_EQ(processed({}, {480, 854}, lying), upright);
+  EXPECT_EQ(processed({854, 480}, {480, 854}, lying), upright) << "raw_size is exact";
+  EXPECT_EQ(processed({480, 854}, {}, lying, {640, 384}), (ImageSize{640, 384})) << "what is asked for is taken";
+}
+
 TEST(SessionConfigTest, NamesEveryFieldThatIsWrong) {
   SessionConfig config;
   config.raw_size = {10, 10};
