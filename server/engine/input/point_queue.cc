@@ -120,7 +120,11 @@ void PointQueue::PlaceObject(ObjectId object, int64_t frame, const std::vector<P
     }
     if (op.frame == frame_) --at_frame_;
     waiting_.erase(here);
-    Forget(id);
+    const auto seeds_it = [&](const Waiting& later) {
+      return later.op.kind == PointOp::Kind::kSeed && later.op.query.id == id;
+    };
+    // Another object may have got this one's id, once all of its places were removed.
+    if (std::none_of(waiting, waiting_.end(), seeds_it)) Forget(id);
   }
 }
 

@@ -216,6 +216,20 @@ TEST(PointQueueTest, AnObjectIdIsFreeWhenItsPointsAre) {
   EXPECT_EQ(queue.Take(1).size(), 9U) << "frame 0: 3 seeds and 3 removals; frame 1: 3 seeds";
 }
 
+TEST(PointQueueTest, AnObjectThatIsPlacedAfterItsIdWasFreedTakesNothingFromTheNext) {
+  PointQueue queue(kPoints);
+  queue.SeedObject(Three(2));
+  ASSERT_THAT(Remove(queue, {ObjectPointId(2, 0), ObjectPointId(2, 1), ObjectPointId(2, 2)}), IsOk());
+  queue.StartFrame(1);
+  queue.SeedObject(Three(2));
+  queue.PlaceObject(2, 0, Placed(2, 2));
+  queue.PlaceObject(2, 1, Placed(2, 3));
+  (void)queue.Take(0);
+  ASSERT_EQ(queue.Take(1).size(), 3U);
+  ASSERT_THAT(Remove(queue, {ObjectPointId(2, 2)}), IsOk());
+  EXPECT_EQ(queue.size(), 1) << "the second object's third point is removed";
+}
+
 TEST(PointQueueTest, APointThatWasPlacedAnewIsCountedAndRemovedByItsPlace) {
   PointQueue queue(kPoints);
   queue.SeedObject(Three(2));
