@@ -126,6 +126,7 @@ void ToProto(const SessionState::Track& track, v1::Track* out) {
   if (state.previous) ToProto(*state.previous, out->mutable_previous());
   if (!(state.deformation == Deformation())) ToProto(state.deformation, out->mutable_deformation());
   out->set_sent_before(state.sent_before);
+  out->set_lost_windows(state.lost_windows);
   out->set_first_kept(state.first_kept);
   EstimatesToProto(state.estimates, out);
   if (track.patch) {
@@ -170,6 +171,7 @@ absl::string_view FaultOfFrames(const v1::Track& track) {
       track.sent_before() > track.reportable_before() || track.sent_before() < kept) {
     return "its final, polished and sent frames are not in their order";
   }
+  if (track.lost_windows() < 0 || track.lost_windows() > kMaxFrame) return "it was lost for no number of windows";
   if (!track.has_ending()) return kFine;
   const int64_t first = std::min(track.ending().last_frame(), track.ending().stop());
   const int64_t last = std::max(track.ending().last_frame(), track.ending().stop());
@@ -279,6 +281,7 @@ SessionState::Track TrackFromProto(const v1::Track& track) {
   if (track.has_previous()) state.previous = FromProto(track.previous());
   if (track.has_deformation()) state.deformation = FromProto(track.deformation());
   state.sent_before = track.sent_before();
+  state.lost_windows = track.lost_windows();
   state.first_kept = track.first_kept();
   state.estimates = EstimatesFromProto(track);
   if (track.has_patch()) {

@@ -154,18 +154,22 @@ void Session::AdvanceFlow() {
 void Session::StepFlow() {
   const SteadyTime turn = clock_.SteadyNow();
   bool more = false;
+  const auto took_a_step = [&](bool (SessionFlow::*step)()) {
+    if (more) return false;
+    const SteadyTime begin = clock_.SteadyNow();
+    if (!(flow_.get()->*step)()) return false;
+    const SteadyTime end = clock_.SteadyNow();
+    metrics_.StageTook(Stage::kFlow, Between(begin, end));
+    more = Between(turn, end) > kFlowTurn;
+    return true;
+  };
   RunFlow([&] {
     do {
       FetchOps(flow_->newest(), /*applied=*/false);
-      SteadyTime begin = clock_.SteadyNow();
-      while (!more && flow_->Step()) {
-        const SteadyTime end = clock_.SteadyNow();
-        metrics_.StageTook(Stage::kFlow, Between(begin, end));
-        begin = end;
-        more = Between(turn, end) > kFlowTurn;
+      while (took_a_step(&SessionFlow::Step)) {
       }
-      report_.Live(*flow_);
-    } while (!more && !flow_->EndSteps());
+      report_.Live(*flow_);  // before the searches, which take longer
+    } while (took_a_step(&SessionFlow::Search) || (!more && !flow_->EndSteps()));
   });
   threads_.notify();  // windows may have their starts now
   if (more) {
@@ -285,8 +289,8 @@ void Session::CountPoints(int64_t before) {
 }
 
 std::vector<DueRow> Session::DueRows() {
-  // Who resumes a session that is suspended says how it ends.
-  const bool ended = inbox_.drained() && !inbox_.suspended() && !CatchingUp() && !OwesLastCheckpoint();
+  // Who resumes a session that is suspended says how it ends. Points that are removed on the last frame end before.
+  const bool ended = inbox_.drained() && !AnyOps() && !inbox_.suspended() && !CatchingUp() && !OwesLastCheckpoint();
   std::vector<DueRow> rows = tracks_.Due(ended);
   // Nobody else's windows wait for who speaks to the listener.
   const auto of_object = [](const DueRow& row) { return IsObjectPoint(row.track->id()); };
@@ -319,9 +323,8 @@ void Session::Apply(absl::Span<const DueRow> rows, RowEstimate* estimates) {
 }
 
 SessionFlow::Base Session::BaseOf(const PointTrack& track, bool early) {
-  return {track.serial(),           track.estimated_before() - 1,
-          track.newest_position(),  track.newest_confidence(),
-          track.next_window_last(), early};
+  return {track.serial(),           track.estimated_before() - 1, track.newest_position(),  track.newest_confidence(),
+          track.newest_assurance(), track.worth_a_search(),       track.next_window_last(), early};
 }
 
 void Session::StartChains(absl::Span<const DueRow> rows) {

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "server/engine/tracks/confidence.h"
+
 namespace holdfast {
 namespace {
 
@@ -11,12 +13,17 @@ constexpr float kMaxRoundTrip = 2;  // pixels of a picture 512 wide
 // What is left of the confidence after a frame that flow carried a point over, and after one where it lost it.
 constexpr float kHeldConfidence = 0.99f;
 constexpr float kLostConfidence = 0.5f;
-// A point that stays below this until its window is about to run is looked for anew.
-constexpr float kDoubtBelow = 0.6f;
-constexpr size_t kMostSearches = 32;  // in one step: others want the thread too
+// Pictures in which points are looked for in one step, at 3 ms for each of a million pixels or less: others want the
+// thread too.
+constexpr int64_t kSearchedPixels = 8'000'000;
+constexpr int64_t kLeastPixels = 1'000'000;
 
 float ConfidenceAfter(float before, const FlowStep& step) {
   return before * (step.held ? kHeldConfidence : kLostConfidence);
+}
+
+int64_t SearchesOfAStep(ImageSize picture) {
+  return std::max<int64_t>(kSearchedPixels / std::max(Pixels(picture), kLeastPixels), 1);
 }
 
 }  // namespace
@@ -68,28 +75,32 @@ bool SessionFlow::Step() {
   if (work.heads.empty()) return false;
   std::vector<FlowPoint> points;
   for (const Head& head : work.heads) points.push_back(head.at);
-  const float max_round_trip = FlowPixels(kMaxRoundTrip, work.from->size());
-  const std::vector<FlowStep> steps = CarryPoints(*work.from, *work.to, points, max_round_trip);
-  std::vector<Search> searches;
-  {
-    absl::MutexLock lock(&mutex_);
-    searches = TakeSearchesLocked(work, steps);
-  }
-  const std::vector<LostChain> found = FindLost(absl::MakeSpan(searches), max_round_trip);
+  const std::vector<FlowStep> steps =
+      CarryPoints(*work.from, *work.to, points, FlowPixels(kMaxRoundTrip, work.from->size()));
   absl::MutexLock lock(&mutex_);
   GrowLocked(work, steps);
-  for (size_t i = 0; i < searches.size(); ++i) ReplaceLocked(searches[i].head, found[i].points);
   return true;
 }
 
-std::vector<LostChain> SessionFlow::FindLost(absl::Span<Search> searches, float max_round_trip) {
-  std::vector<LostChain> chains;
-  for (Search& search : searches) {
-    search.chain.patch = &search.patch->Get();
-    chains.push_back(std::move(search.chain));
+bool SessionFlow::Search() {
+  std::vector<Doubt> doubts;
+  {
+    absl::MutexLock lock(&mutex_);
+    doubts = NextDoubtsLocked();
   }
-  FindAgain(absl::MakeSpan(chains), max_round_trip);
-  return chains;
+  if (doubts.empty()) return false;
+  std::vector<LostChain> chains;
+  for (Doubt& doubt : doubts) {
+    doubt.chain.patch = &doubt.patch->Get();
+    chains.push_back(std::move(doubt.chain));
+  }
+  FindAgain(absl::MakeSpan(chains), FlowPixels(kMaxRoundTrip, chains[0].pictures.back()->size()));
+  absl::MutexLock lock(&mutex_);
+  for (size_t i = 0; i < doubts.size(); ++i) {
+    doubts[i].chain = std::move(chains[i]);
+    FoundLocked(doubts[i]);
+  }
+  return true;
 }
 
 void SessionFlow::CutPatches() {
@@ -131,6 +142,7 @@ SessionFlow::Work SessionFlow::NextWorkLocked() const {
 }
 
 bool SessionFlow::CanGrowLocked(const Entry& entry, const Chain& chain) const {
+  if (!options_.starts && !options_.live) return false;
   const bool reported = options_.live && (!entry.live || &chain == &*entry.live);
   const int64_t wanted = reported ? NewestLocked() : std::min(NewestLocked(), chain.until);
   return chain.head() >= oldest_ && chain.head() < std::min(wanted, entry.last_frame);
@@ -147,35 +159,50 @@ void SessionFlow::GrowLocked(const Work& work, absl::Span<const FlowStep> steps)
     Entry* const entry = EntryOfLocked(head);
     if (entry == nullptr) continue;
     Chain& chain = head.live ? *entry->live : entry->chain;
-    chain.points.push_back(steps[i].at);
-    chain.confidence.push_back(ConfidenceAfter(chain.confidence.back(), steps[i]));
+    chain.Grow(steps[i]);
+    if (!head.live) chain.doubted = chain.doubted || InDoubtLocked(*entry, chain);
   }
 }
 
-std::vector<SessionFlow::Search> SessionFlow::TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps) {
-  std::vector<Search> searches;
-  for (size_t i = 0; i < work.heads.size(); ++i) {
-    const Head& head = work.heads[i];
-    const Entry* const entry = EntryOfLocked(head);
-    if (entry == nullptr || entry->patch == nullptr || head.live || !options_.starts) continue;
-    const Chain& chain = entry->chain;
-    if (work.frame + 1 != chain.until || chain.first < oldest_) continue;
-    if (ConfidenceAfter(chain.confidence.back(), steps[i]) >= kDoubtBelow) continue;
-    if (searches.size() == kMostSearches) {
-      work.heads.resize(i);
-      break;
-    }
-    Search search{head, entry->patch, {nullptr, {}, chain.points}};
-    search.chain.points.push_back(steps[i].at);
+void SessionFlow::Chain::Grow(const FlowStep& step) {
+  points.push_back(step.at);
+  confidence.push_back(ConfidenceAfter(confidence.back(), step));
+  assurance = ConfidenceAfter(assurance, step);
+}
+
+bool SessionFlow::InDoubtLocked(const Entry& entry, const Chain& chain) const {
+  return options_.starts && entry.patch != nullptr && chain.search && chain.head() == chain.until &&
+         chain.first < chain.until && chain.first >= oldest_ && chain.assurance < kDoubtBelow;
+}
+
+std::vector<SessionFlow::Doubt> SessionFlow::NextDoubtsLocked() const {
+  std::vector<Doubt> doubts;
+  int64_t until = 0;
+  for (const auto& [serial, entry] : entries_) {
+    const Chain& chain = entry.chain;
+    if (!chain.doubted || chain.first < oldest_ || (!doubts.empty() && chain.until != until)) continue;
+    until = chain.until;
+    Doubt doubt{{serial, entry.generation, /*live=*/false, chain.points.back()}, entry.patch, {}};
+    doubt.chain.points.assign(chain.points.begin(), chain.points.begin() + (until - chain.first + 1));
     const auto pictures = pyramids_.begin() + (chain.first - oldest_);
-    search.chain.pictures.assign(pictures, pictures + static_cast<ptrdiff_t>(search.chain.points.size()));
-    searches.push_back(std::move(search));
+    doubt.chain.pictures.assign(pictures, pictures + static_cast<ptrdiff_t>(doubt.chain.points.size()));
+    doubts.push_back(std::move(doubt));
+    if (static_cast<int64_t>(doubts.size()) == SearchesOfAStep(doubts[0].chain.pictures.back()->size())) break;
   }
-  return searches;
+  return doubts;
 }
 
-void SessionFlow::ReplaceLocked(const Head& head, const std::vector<FlowPoint>& points) {
-  if (Entry* const entry = EntryOfLocked(head)) entry->chain.points = points;
+// Where the point has been found is kept beside the chain: a window that ends earlier, as the point's last one may,
+// starts from what was known without.
+void SessionFlow::FoundLocked(const Doubt& doubt) {
+  Entry* const entry = EntryOfLocked(doubt.head);
+  if (entry == nullptr) return;
+  Chain& chain = entry->chain;
+  chain.doubted = false;
+  if (!doubt.chain.found) return;
+  chain.found = doubt.chain.points;
+  // What is reported goes on from there.
+  if (chain.head() == chain.until) chain.points.back() = chain.found.back();
 }
 
 std::vector<PointRun> SessionFlow::TakeLive() {
@@ -233,7 +260,10 @@ void SessionFlow::SeedLocked(const PointOp& op) {
   entry.query = op.query;
   entry.query_frame = entry.report_from = op.frame;
   const FlowPoint at = ToFlow(geometry_.ToFeatures(op.query.x, op.query.y));
-  entry.chain = {op.frame, {at}, {1.0f}, op.frame + options_.window_frames - 1};
+  entry.chain.first = op.frame;
+  entry.chain.points = {at};
+  entry.chain.confidence = {1.0f};
+  entry.chain.until = op.frame + options_.window_frames - 1;
   // Memory may have been short for the picture; the session is about to end then.
   if (options_.patches && op.frame >= oldest_ && op.frame < without_gap_) {
     entry.patch = std::make_shared<QueryPatch>(pyramids_[op.frame - oldest_], at);
@@ -274,7 +304,7 @@ void SessionFlow::Rebase(absl::Span<const Base> bases) {
     Entry& entry = found->second;
     const bool beside = base.early && options_.starts;
     if (beside && !options_.live) continue;
-    const Chain chain{base.frame, {ToFlow(base.position)}, {base.confidence}, base.until};
+    const Chain chain{base.frame, {ToFlow(base.position)}, {base.confidence}, base.until, base.assurance, base.search};
     ++entry.generation;
     entry.report_from = base.frame + 1;
     if (beside) {
@@ -289,15 +319,18 @@ void SessionFlow::Rebase(absl::Span<const Base> bases) {
 bool SessionFlow::Reaches(uint64_t serial, int64_t frame) const {
   absl::MutexLock lock(&mutex_);
   const auto found = entries_.find(serial);
-  return found != entries_.end() && found->second.chain.head() >= frame;
+  if (found == entries_.end()) return false;
+  const Chain& chain = found->second.chain;
+  return chain.head() >= frame && !(chain.doubted && chain.until == frame);
 }
 
 std::vector<Position> SessionFlow::Starts(uint64_t serial, int64_t last) const {
   absl::MutexLock lock(&mutex_);
   const Chain& chain = entries_.at(serial).chain;
+  const std::vector<FlowPoint>& points = last == chain.until && !chain.found.empty() ? chain.found : chain.points;
   std::vector<Position> starts;
   for (int64_t frame = chain.first + 1; frame <= last; ++frame) {
-    starts.push_back(ToFeatures(chain.points[frame - chain.first]));
+    starts.push_back(ToFeatures(points[frame - chain.first]));
   }
   return starts;
 }

@@ -24,12 +24,12 @@
 namespace holdfast {
 
 // The grey pyramids of a session's newest frames, and for each track the chain of positions that optical flow carries
-// from its newest estimate to the newest frame. A link of a chain depends on the link before it and two pictures alone,
-// and the chain of a point that is lost where its next window ends on the pictures since its estimate and on the
-// surroundings of its query, which are looked for there: so it does not matter when a chain is made or beside which
-// other points. Decode threads add frames and make links, the
-// compute thread says where chains begin and reads them. Thread-safe; no lock is held while flow is computed or
-// pictures are cut.
+// from its newest estimate to the newest frame. A link of a chain depends on the link before it and two pictures alone.
+// A point that is in doubt where its next window ends is looked for there by the surroundings of its query; what comes
+// of it, which depends on these, the chain and its pictures alone, is where that window starts and no other. So it does
+// not matter when a chain is made or beside which other points. Decode threads add frames and make links, the compute
+// thread says where chains begin and reads them. Thread-safe; no lock is held while flow is computed or pictures are
+// cut.
 class SessionFlow {
  public:
   struct Options {
@@ -63,11 +63,14 @@ class SessionFlow {
   // --- Decode threads.
   // Frames may come in any order; chains grow over those that have no gap before them.
   void AddFrame(int64_t index, FlowPyramidPtr pyramid) ABSL_LOCKS_EXCLUDED(mutex_);
-  // The right to call Step; one thread at a time has it. False: another one has it and will see what is new.
+  // The right to call Step and Search; one thread at a time has it. False: another one has it and will see what is new.
   bool BeginSteps() ABSL_LOCKS_EXCLUDED(mutex_);
   // Cuts out the surroundings of new queries, and carries the chains that are furthest behind by one frame. False:
   // there was no such chain.
   bool Step() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Looks for some of the points that are in doubt, which their windows wait for: as many as take some 20 milliseconds.
+  // False: there was none.
+  bool Search() ABSL_LOCKS_EXCLUDED(mutex_);
   // False, and the right is kept: there is something new since BeginSteps.
   bool EndSteps() ABSL_LOCKS_EXCLUDED(mutex_);
   // Positions of live chains that were not reported yet: provisional runs in pixels of the frame.
@@ -84,12 +87,14 @@ class SessionFlow {
     int64_t frame = 0;
     Position position;
     float confidence = 0;
-    int64_t until = 0;   // the last frame of the window to come
-    bool early = false;  // the first window, not full: only what is reported begins here
+    float assurance = 1;  // that the point is not lost
+    bool search = true;   // the point is to be looked for if it is in doubt
+    int64_t until = 0;    // the last frame of the window to come
+    bool early = false;   // the first window, not full: only what is reported begins here
   };
   // A window has run: its track's chain begins anew.
   void Rebase(absl::Span<const Base> bases) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Whether the track's chain reaches 'frame'.
+  // Whether the track's chain reaches 'frame', and nothing is to be looked for there any more.
   bool Reaches(uint64_t serial, int64_t frame) const ABSL_LOCKS_EXCLUDED(mutex_);
   // The chain after the frame it begins at, up to 'last'. REQUIRES: Reaches(serial, last).
   std::vector<Position> Starts(uint64_t serial, int64_t last) const ABSL_LOCKS_EXCLUDED(mutex_);
@@ -115,6 +120,11 @@ class SessionFlow {
     std::vector<FlowPoint> points;
     std::vector<float> confidence;  // of the points
     int64_t until = 0;              // no need to go on
+    float assurance = 1;            // of the head
+    bool search = true;
+    bool doubted = false;          // the point is to be looked for at 'until' before a window starts from there
+    std::vector<FlowPoint> found;  // by that: 'points' up to 'until' instead; empty: nothing
+    void Grow(const FlowStep& step);
     int64_t head() const { return first + static_cast<int64_t>(points.size()) - 1; }
   };
   // A query's surroundings, cut out when they are first asked for: encoding them takes a while with many points, and
@@ -155,7 +165,7 @@ class SessionFlow {
     FlowPyramidPtr to;
   };
 
-  struct Search {  // of a point that nobody is sure of any more, on the last frame of its next window
+  struct Doubt {  // a point that is to be looked for
     Head head;
     std::shared_ptr<QueryPatch> patch;
     LostChain chain;
@@ -170,12 +180,11 @@ class SessionFlow {
   // Null where the head's chain has begun anew, or its track is gone.
   Entry* EntryOfLocked(const Head& head) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void GrowLocked(const Work& work, absl::Span<const FlowStep> steps) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Of heads that come to the end of their windows by these steps. Those that are too many at once are taken out of
-  // 'work', and come again.
-  std::vector<Search> TakeSearchesLocked(Work& work, absl::Span<const FlowStep> steps)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  static std::vector<LostChain> FindLost(absl::Span<Search> searches, float max_round_trip);
-  void ReplaceLocked(const Head& head, const std::vector<FlowPoint>& points) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Whether the point is to be looked for where the chain stands now.
+  bool InDoubtLocked(const Entry& entry, const Chain& chain) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // All in the same picture.
+  std::vector<Doubt> NextDoubtsLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void FoundLocked(const Doubt& doubt) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   PointRun RunOf(const Entry& entry, const Chain& chain, int64_t end) const;
   int64_t NewestLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 

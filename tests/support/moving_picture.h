@@ -70,6 +70,18 @@ inline GrayImage ShiftedTexture(ImageSize size, float dx, float dy, uint32_t see
   return image;
 }
 
+// Richer than one texture, which may well look alike in two places.
+inline GrayImage RichTexture(ImageSize size, float dx, float dy, uint32_t seed = 1) {
+  const GrayImage parts[] = {ShiftedTexture(size, dx, dy, seed), ShiftedTexture(size, dx, dy, seed + 100),
+                             ShiftedTexture(size, dx, dy, seed + 200)};
+  GrayImage rich = parts[0];
+  for (size_t i = 0; i < rich.pixels.size(); ++i) {
+    const int sum = parts[0].pixels[i] + parts[1].pixels[i] + parts[2].pixels[i] - 3 * 128;
+    rich.pixels[i] = static_cast<uint8_t>(std::clamp(128 + sum / 2, 0, 255));
+  }
+  return rich;
+}
+
 // A rotation, in radians; from x towards y.
 inline Deformation Turned(float angle) { return {std::cos(angle), -std::sin(angle), std::sin(angle), std::cos(angle)}; }
 

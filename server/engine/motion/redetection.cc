@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <utility>
 
 #include "server/engine/motion/alignment.h"
 
@@ -170,12 +171,25 @@ std::optional<FlowPoint> Redetector::Find(const FlowPatch& patch, FlowPoint expe
   return ambiguous ? std::nullopt : std::optional(best->at);
 }
 
-// From the last picture to the second one, as far as flow leads.
-void CarryBack(LostChain& chain, float max_round_trip) {
-  for (size_t i = chain.points.size() - 1; i > 1; --i) {
-    const FlowStep step = CarryPoints(*chain.pictures[i], *chain.pictures[i - 1], {chain.points[i]}, max_round_trip)[0];
-    if (!step.held) return;
-    chain.points[i - 1] = step.at;
+// From the last picture, which all chains end on, to the second one of each, as far as flow leads. Together, as
+// pictures cost more than points.
+void CarryBack(std::vector<LostChain*> chains, float max_round_trip) {
+  for (size_t back = 1; true; ++back) {  // pictures before the last one
+    const auto is_there = [&](const LostChain* chain) { return chain->points.size() < back + 2; };
+    chains.erase(std::remove_if(chains.begin(), chains.end(), is_there), chains.end());
+    if (chains.empty()) return;
+    std::vector<FlowPoint> points;
+    for (const LostChain* chain : chains) points.push_back(*(chain->points.end() - back));
+    const auto pictures = chains[0]->pictures.end();
+    const std::vector<FlowStep> steps =
+        CarryPoints(**(pictures - back), **(pictures - back - 1), points, max_round_trip);
+    std::vector<LostChain*> held;
+    for (size_t i = 0; i < chains.size(); ++i) {
+      if (!steps[i].held) continue;
+      *(chains[i]->points.end() - back - 1) = steps[i].at;
+      held.push_back(chains[i]);
+    }
+    chains = std::move(held);
   }
 }
 
@@ -184,12 +198,15 @@ void CarryBack(LostChain& chain, float max_round_trip) {
 void FindAgain(absl::Span<LostChain> chains, float max_round_trip) {
   if (chains.empty()) return;
   const Redetector redetector(*chains[0].pictures.back());
+  std::vector<LostChain*> found;
   for (LostChain& chain : chains) {
     const std::optional<FlowPoint> place = redetector.Find(*chain.patch, chain.points.back());
     if (!place) continue;
     chain.points.back() = *place;
-    CarryBack(chain, max_round_trip);
+    chain.found = true;
+    found.push_back(&chain);
   }
+  CarryBack(std::move(found), max_round_trip);
 }
 
 }  // namespace holdfast

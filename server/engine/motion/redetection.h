@@ -14,6 +14,7 @@ struct LostChain {
   const FlowPatch* patch = nullptr;
   std::vector<FlowPyramidPtr> pictures;  // one at least
   std::vector<FlowPoint> points;         // in each of the pictures
+  bool found = false;
 };
 
 // Re-detection, as long-term trackers have it (Kalal et al., "Tracking-Learning-Detection", 2012): looks for the

@@ -3,8 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 namespace holdfast {
+
+namespace {
+
+constexpr int64_t kMostAge = 96;  // frames
+
+}  // namespace
 
 float ConfidenceFromLogit(float logit) { return std::isnan(logit) ? 0.0f : 1.0f / (1.0f + std::exp(-logit)); }
 
@@ -17,6 +24,12 @@ float ConfidenceFromMatch(float similarity, float last_step) {
 float NetworkConfidence(const Evidence& evidence) {
   return std::isnan(evidence.visibility_logit) ? ConfidenceFromMatch(evidence.similarity, evidence.last_step)
                                                : ConfidenceFromLogit(evidence.visibility_logit);
+}
+
+float ConfidenceRule::Assurance(Evidence evidence) const {
+  evidence.polish = Evidence::Polish::kNotTried;
+  evidence.age = std::min(evidence.age, kMostAge);
+  return Confidence(evidence);
 }
 
 }  // namespace holdfast

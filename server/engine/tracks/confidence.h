@@ -25,6 +25,9 @@ float ConfidenceFromMatch(float similarity, float last_step);
 // match.
 float NetworkConfidence(const Evidence& evidence);
 
+// Whoever is less sure than this of a point counts it as lost: it is looked for, see SessionFlow.
+constexpr float kDoubtBelow = 0.6f;
+
 // How the estimates of a session are judged.
 struct ConfidenceRule {
   const Calibration* calibration = nullptr;  // null: the checkpoint has none, the network's word stands
@@ -34,6 +37,9 @@ struct ConfidenceRule {
   float Confidence(const Evidence& evidence) const {
     return calibration == nullptr ? NetworkConfidence(evidence) : calibration->Confidence(evidence);
   }
+  // How sure it is that the point is not lost, by the window alone: neither polish, which may come later, has a say,
+  // nor that errors have had time to add up since the query, after the first few windows.
+  float Assurance(Evidence evidence) const;
 };
 
 }  // namespace holdfast

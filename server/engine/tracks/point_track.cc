@@ -5,6 +5,13 @@
 #include <utility>
 
 namespace holdfast {
+namespace {
+
+// Windows in a row after which a point that was not found is looked for once in so many only.
+constexpr int64_t kEagerWindows = 8;
+constexpr int64_t kPatientWindows = 4;
+
+}  // namespace
 
 PointTrack::PointTrack(PointSeed seed, const WindowOptions& windows, const ConfidenceRule& rule)
     : seed_(std::move(seed)),
@@ -31,7 +38,8 @@ PointTrack::PointTrack(TrackState state, const WindowOptions& windows, const Con
       reportable_before_(state.reportable_before),
       previous_(state.previous),
       deformation_(state.deformation),
-      sent_before_(state.sent_before) {
+      sent_before_(state.sent_before),
+      lost_windows_(state.lost_windows) {
   if (state.ending) End(state.ending->last_frame, state.ending->stop);
   for (const EstimateState& estimate : state.estimates) {
     estimates_.push_back(Restored(estimate, estimated_before(), geometry));
@@ -65,6 +73,7 @@ TrackState PointTrack::state() const {
   state.previous = previous_;
   state.deformation = deformation_;
   state.sent_before = sent_before_;
+  state.lost_windows = lost_windows_;
   return state;
 }
 
@@ -76,6 +85,7 @@ void PointTrack::End(int64_t last_frame, int64_t stop) {
 
 std::optional<WindowPlan> PointTrack::Due(int64_t newest, bool stream_ended) const {
   if (!ending_) return schedule_.Next(newest, stream_ended);
+  if (final_before_ >= stop_) return std::nullopt;  // nothing of it would be reported
   if (auto plan = schedule_.Next(std::min(newest, last_frame_), /*ended=*/false)) return plan;
   return over(newest) || stream_ended ? schedule_.Next(last_frame_, /*ended=*/true) : std::nullopt;
 }
@@ -113,8 +123,19 @@ void PointTrack::Apply(const WindowPlan& plan, RowEstimate row, const FrameGeome
   }
   final_before_ = std::max(final_before_, plan.final_before);
   if (!polish_) reportable_before_ = final_before_;
-  if (plan.kind == WindowKind::kFull) carried_ = std::move(row.templates);
+  if (plan.kind == WindowKind::kFull) {
+    carried_ = std::move(row.templates);
+    lost_windows_ = newest_assurance() < kDoubtBelow ? lost_windows_ + 1 : 0;
+  }
   schedule_.Ran(plan);
+}
+
+float PointTrack::newest_assurance() const {
+  return estimated_before() == seed_.frame + 1 ? 1 : rule_.Assurance(estimates_.back().evidence);
+}
+
+bool PointTrack::worth_a_search() const {
+  return lost_windows_ < kEagerWindows || lost_windows_ % kPatientWindows == 0;
 }
 
 void PointTrack::Finalize() {
@@ -127,7 +148,7 @@ PointTrack::Unpolished PointTrack::unpolished() const {
   unpolished.first = reportable_before_;
   unpolished.previous = previous_;
   unpolished.deformation = deformation_;
-  for (int64_t frame = reportable_before_; frame < final_before_; ++frame) {
+  for (int64_t frame = reportable_before_; frame < std::min(final_before_, stop_); ++frame) {
     unpolished.positions.push_back(At(frame).position);
     unpolished.visible.push_back(At(frame).seen ? 1 : 0);
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <deque>
 #include <limits>
@@ -54,6 +55,12 @@ class PointTrack {
   int64_t estimated_before() const { return first_kept_ + static_cast<int64_t>(estimates_.size()); }
   Position newest_position() const { return estimates_.back().position; }
   float newest_confidence() const { return estimates_.back().confidence; }
+  // Of the newest estimate: ConfidenceRule::Assurance, 1 of the query. The same after polish, and where the track is
+  // restored.
+  float newest_assurance() const;
+  // Whether the point is to be looked for before the next full window if it is in doubt by then: those that stay lost
+  // are looked for less often.
+  bool worth_a_search() const;
   // The last frame of the next full window.
   int64_t next_window_last() const { return schedule_.next_start() + window_frames_ - 1; }
 
@@ -65,7 +72,7 @@ class PointTrack {
     std::optional<Position> previous;  // polished, on frame first - 1; empty: hidden there
     Deformation deformation;           // of the query's surroundings, where they were found last
   };
-  bool waits_for_polish() const { return polish_ && reportable_before_ < final_before_; }
+  bool waits_for_polish() const { return polish_ && reportable_before_ < std::min(final_before_, stop_); }
   int64_t reportable_before() const { return reportable_before_; }
   Unpolished unpolished() const;
   struct Polished {
@@ -117,6 +124,7 @@ class PointTrack {
   std::optional<Position> previous_;  // reported on frame reportable_before_ - 1; empty: hidden there
   Deformation deformation_;           // of the query's surroundings, where polish found them last
   int64_t sent_before_;               // frames before this one were reported as final
+  int64_t lost_windows_ = 0;          // how many full windows in a row have left the point in doubt
   CarriedTemplates carried_;
 };
 

@@ -51,6 +51,7 @@ struct TrackState {
   std::optional<Position> previous;  // reported on frame reportable_before - 1; empty: hidden there
   Deformation deformation;           // of the query's surroundings, where polish found them last
   int64_t sent_before = 0;
+  int64_t lost_windows = 0;  // how many full windows in a row have left the point in doubt
 };
 
 }  // namespace holdfast

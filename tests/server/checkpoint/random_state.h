@@ -118,6 +118,7 @@ class RandomState {
     }
     state.sent_before = state.first_kept + polished - Below(2);
     state.reportable_before = state.final_before = state.first_kept + polished;
+    state.lost_windows = Below(2) == 0 ? 0 : Below(1000);
     state.next_start = state.first_kept + 8;
     state.covered = state.first_kept + count - 1;
   }
@@ -159,7 +160,8 @@ class StateBits {
     const TrackState& s = track.state;
     Add(s.seed.serial, s.seed.query.id, s.seed.query.x, s.seed.query.y, s.seed.frame, s.seed.position,
         s.seed.feature.size(), s.next_start, s.covered, s.first_kept, s.estimates.size(), s.final_before,
-        s.reportable_before, s.sent_before, s.ending.has_value(), s.previous.has_value(), track.patch.has_value());
+        s.reportable_before, s.sent_before, s.lost_windows, s.ending.has_value(), s.previous.has_value(),
+        track.patch.has_value());
     for (const float value : s.seed.feature) Add(value);
     for (const EstimateState& e : s.estimates) {
       Add(e.position, e.shown, e.visibility_logit, e.similarity, e.last_step, e.polish, e.seen);

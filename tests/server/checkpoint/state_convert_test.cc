@@ -136,6 +136,7 @@ TEST(StateConvertTest, TracksThatCannotBeAreRefused) {
       {"not in their order", track([](auto& t) { t.set_reportable_before(t.final_before() + 1); })},
       {"not in their order", track([](auto& t) { t.set_sent_before(t.reportable_before() + 1); })},
       {"not in their order", track([](auto& t) { t.set_sent_before(t.first_kept() - 1); })},
+      {"no number of windows", track([](auto& t) { t.set_lost_windows(-1); })},
       {"ends at no frame", track([](auto& t) { t.mutable_ending()->set_stop(-2); })},
       {"ends at no frame", track([](auto& t) { t.mutable_ending()->set_last_frame(int64_t{1} << 61); })},
       {"patch is too large",

@@ -74,5 +74,24 @@ TEST(ConfidenceTest, WhatIsProbablyLostIsStillVisibleWhereConfidenceIsCalibrated
   EXPECT_EQ((ConfidenceRule{&calibration, nullptr}.visible_above()), 0.1f);
 }
 
+TEST(ConfidenceTest, WhetherAPointIsLostIsJudgedWithoutPolishAndWithoutTheYears) {
+  Calibration::Features weights{};
+  weights[0] = 3;
+  weights[5] = -0.25;  // age
+  weights[6] = 1;      // polish: found
+  weights[8] = -2;     // not found
+  const Calibration calibration(weights);
+  const ConfidenceRule rule{&calibration};
+  Evidence evidence;
+  evidence.age = 40;
+  EXPECT_EQ(rule.Assurance(evidence), rule.Confidence(evidence));
+  evidence.polish = Evidence::Polish::kNotFound;
+  EXPECT_GT(rule.Assurance(evidence), rule.Confidence(evidence));
+  evidence.age = 1'000'000;  // nine hours
+  evidence.polish = Evidence::Polish::kFromQuery;
+  EXPECT_GT(rule.Assurance(evidence), 0.8f);
+  EXPECT_LT(rule.Confidence(evidence), 0.8f);
+}
+
 }  // namespace
 }  // namespace holdfast

@@ -250,5 +250,54 @@ TEST(TrackSetTest, APointThatIsPolishedOutOfTheFrameIsNotVisible) {
   EXPECT_EQ(verdicts.at(8).confidence, 1);
 }
 
+// With the largest hop a window's newest frame is final, and polished, when the next one begins; a session that is
+// resumed then has to doubt the same points.
+TEST(TrackSetTest, WhetherAPointIsLostIsJudgedAlikeBeforeAndAfterPolish) {
+  WindowOptions windows{24, 23};
+  windows.polish = true;
+  Calibration::Features weights{};
+  weights[kFoundFromQuery] = 2;
+  const Calibration calibration(weights);
+  TrackSetHarness harness(windows, /*provisional=*/true, &calibration);
+  harness.Frame();
+  harness.Seed(1);
+  harness.FramesAndRun(23);
+  const PointTrack& track = *harness.tracks().all().front();
+  const float before = track.newest_assurance(), confidence = track.newest_confidence();
+  harness.Polish(kAllFromQuery);
+  EXPECT_GT(track.newest_confidence(), confidence);
+  EXPECT_EQ(track.newest_assurance(), before);
+  const PointTrack resumed(track.state(), windows, {&calibration}, harness.tracks().geometry());
+  EXPECT_EQ(resumed.newest_assurance(), before);
+}
+
+// Windows end on frames 23, 31, 39 and so on.
+TEST(TrackSetTest, APointThatStaysLostIsLookedForLessOften) {
+  TrackSetHarness harness({24, 8});
+  harness.model().similarity = 0.2f;
+  harness.Frame();
+  harness.Seed(1);
+  const PointTrack& track = *harness.tracks().all().front();
+  EXPECT_EQ(track.newest_assurance(), 1) << "of the query itself";
+  EXPECT_TRUE(track.worth_a_search());
+  harness.FramesAndRun(23);
+  EXPECT_LT(track.newest_assurance(), kDoubtBelow);
+  std::vector<bool> searched;
+  for (int window = 1; window < 17; ++window) {
+    searched.push_back(track.worth_a_search());
+    harness.FramesAndRun(8);
+  }
+  EXPECT_THAT(searched, ElementsAre(true, true, true, true, true, true, true, true, false, false, false, true, false,
+                                    false, false, true));
+  const TrackState state = track.state();
+  EXPECT_EQ(state.lost_windows, 17);
+  const PointTrack resumed(state, {24, 8}, {}, harness.tracks().geometry());
+  EXPECT_EQ(resumed.worth_a_search(), track.worth_a_search());
+  EXPECT_EQ(resumed.newest_assurance(), track.newest_assurance());
+  harness.model().similarity = 1;
+  harness.FramesAndRun(8);
+  EXPECT_EQ(track.state().lost_windows, 0);
+}
+
 }  // namespace
 }  // namespace holdfast

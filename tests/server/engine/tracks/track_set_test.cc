@@ -211,6 +211,33 @@ TEST(TrackSetTest, ReSeedingOnTheVeryFrameOfTheQueryReportsOnlyTheNewTrack) {
   EXPECT_THAT(harness.runs()[0].x, ElementsAre(320.0f));
 }
 
+// As where a detector says anew on every frame where its points are.
+TEST(TrackSetTest, NoWindowRunsForATrackOfWhichEverythingIsFinal) {
+  TrackSetHarness harness({24, 8, /*early=*/false});
+  for (int frame = 0; frame < 30; ++frame) {
+    harness.Frame();
+    harness.Seed(1, 160.0f + static_cast<float>(frame));
+    harness.RunDue();
+  }
+  EXPECT_EQ(harness.model().counts()->rows, 0);
+  EXPECT_THAT(FinalX(harness.runs(), 1), SizeIs(29));
+}
+
+TEST(TrackSetTest, WhatIsNotReportedIsNotPolished) {
+  WindowOptions windows{24, 8, /*early=*/false};
+  windows.polish = true;
+  TrackSetHarness harness(windows);
+  harness.Frame();
+  harness.Seed(1);
+  harness.FramesAndRun(5);
+  harness.Seed(1, 320);
+  harness.RunDue();
+  ASSERT_THAT(harness.tracks().Unpolished(), SizeIs(1));
+  const PointTrack::Unpolished unpolished = harness.tracks().Unpolished()[0]->unpolished();
+  EXPECT_EQ(unpolished.first, 1);
+  EXPECT_THAT(unpolished.positions, SizeIs(4)) << "frame 5 is the new track's";
+}
+
 // In the order in which they were reported.
 std::vector<int64_t> FinalFrames(const std::vector<PointRun>& runs) {
   std::vector<int64_t> finals;
