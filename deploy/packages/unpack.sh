@@ -10,7 +10,8 @@ mapfile -t packages < <(grep -v '^#' "$list")
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-mkdir "$scratch/debs" "$scratch/root" "$scratch/bin" "$scratch/bin/lib"
+# The folders are there even where nothing comes into them, as all packages are installed.
+mkdir -p "$scratch"/{debs,bin/lib} "$scratch/root/usr/"{bin,sbin,lib}
 update=(apt-get -o DPkg::Lock::Timeout=300 update -qq)
 # Nothing is installed, so that neither root's rights nor apt's locks are needed.
 fetch=(apt-get install -qq --download-only --no-install-recommends -o Debug::NoLocking=1
