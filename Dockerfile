@@ -28,7 +28,8 @@ FROM debian:${DEBIAN}-slim AS runtime
 RUN useradd --system --uid 10001 --user-group --no-create-home holdfast
 ENV LANG=C.UTF-8
 
-# The command line client: docker run -v "$PWD:/data" holdfast-client track video.mp4 --server=host:50051 ...
+# The command line client: docker build --target client -t holdfast-client .
+# docker run --user "$(id -u):$(id -g)" -v "$PWD:/data" holdfast-client track video.mp4 --server=host:50051 ...
 FROM runtime AS client
 COPY --from=build /rootfs/client /
 RUN ldconfig && holdfast --version
@@ -36,7 +37,8 @@ USER holdfast
 WORKDIR /data
 ENTRYPOINT ["holdfast"]
 
-# The training job: docker run -v /data:/data holdfast-trainer --preset=small ...
+# The training job: docker build --target trainer -t holdfast-trainer .
+# docker run --user "$(id -u):$(id -g)" -v "$PWD:/data" holdfast-trainer --preset=small --out=/data/small ...
 FROM runtime AS trainer
 COPY --from=build /rootfs/trainer /
 COPY weights /usr/share/holdfast/weights

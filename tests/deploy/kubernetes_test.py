@@ -347,6 +347,9 @@ class ManifestsTest(unittest.TestCase):
         compose = read_yaml(DEPLOY / "compose.yaml")["services"]["server"]
         self.assertEqual(compose["deploy"]["resources"]["limits"]["memory"], f"{gibibytes}g")
 
+    def test_compose_takes_no_variable_that_bash_exports_to_nobody(self):
+        self.assertNotRegex((DEPLOY / "compose.yaml").read_text(encoding="utf-8"), r"\$\{?(E?UID|GID|GROUPS)\b")
+
     def test_compose_gives_the_server_time_to_end(self):
         server = read_yaml(DEPLOY / "compose.yaml")["services"]["server"]
         grace = int(server["environment"]["HOLDFAST_GRACE_PERIOD"].removesuffix("s"))

@@ -84,6 +84,7 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
         self.folder = pathlib.Path(directory.name)
         self.addCleanup(os.chdir, os.getcwd())
         os.chdir(self.folder)
+        self.images = set()  # that commands have built
         (self.folder / "build").mkdir()
         os.symlink(BUILD.resolve(), self.folder / "build/release")
         os.symlink(VIDEO, self.folder / "video.mp4")
@@ -234,13 +235,19 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
 
     def check_docker(self, words):
         recipe = text_of("Dockerfile")
+        (image,) = (word for word in words if word.startswith("holdfast-"))
+        stage = image.partition("-")[2]
         if words[1] == "build":
-            self.assertEqual(words[2:], ["-t", "holdfast-server", "."])
+            is_last = re.findall(r"(?m)^FROM .* AS (\w+)$", recipe)[-1] == stage
+            self.assertEqual(words[2:], [*([] if is_last else ["--target", stage]), "-t", image, "."])
+            self.images.add(image)
             return
         self.assertEqual(words[1], "run")
-        (image,) = (word for word in words if word.startswith("holdfast-"))
+        self.assertIn(image, self.images, "no line above builds it")
+        if "-v" in words:
+            self.assertIn("--user", words, "the image's own user may not write into the directory")
         program = {"holdfast-client": "holdfast"}.get(image, image)
-        self.assertRegex(recipe, rf"(?m)^FROM .* AS {image.partition('-')[2]}$")
+        self.assertRegex(recipe, rf"(?m)^FROM .* AS {stage}$")
         self.assertIn(f'ENTRYPOINT ["{program}"]', recipe)
         self.check_flags([program, *words[words.index(image) + 1:]])
         for port in re.findall(r"-p \d+:(\d+)", " ".join(words)):
@@ -260,12 +267,15 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
     # --- That it finds something.
 
     def test_what_is_wrong_or_not_known_fails(self):
+        build = "docker build -t holdfast-server .\n"
         for language, kind, text in (
                 ("sh", "", "frobnicate video.mp4"), ("perl", "", "print 1"), ("text", "", "so what"),
                 ("sh", "", "make nothing"), ("sh", "", "make demo NOTHING=1"),
                 ("sh", "", "build/release/bin/holdfast track none.mp4 --grid=1 --out=x.json"),
-                ("sh", "", "docker run holdfast-nothing"), ("sh", "", "docker run -p 1:1 holdfast-server"),
-                ("sh", "", "docker run holdfast-client track --nothing"), ("json", "", '{"id": 4}'),
+                ("sh", "", "docker build -t holdfast-client ."), ("sh", "", "docker run holdfast-trainer"),
+                ("sh", "", build + "docker run -p 1:1 holdfast-server"), ("json", "", '{"id": 4}'),
+                ("sh", "", build + "docker run holdfast-server --nothing"),
+                ("sh", "", build + "docker run -v /:/ holdfast-server"),
                 ("text", "output", "the server sang a song"), ("text", "protocol", "frame {nothing: 1}")):
             with self.subTest(text), self.assertRaises(AssertionError):
                 self.check_block(Block("x.md", 1, language, kind, text + "\n"))
@@ -285,7 +295,8 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
 
     @unittest.skipUnless((BUILD / "bin/holdfast-train").exists(), "training is not built")
     def test_flags_that_are_named_exist(self):
-        others = "--help --install --component --prefix --network --build-arg --benchmark_filter --python"
+        docker = "--network --build-arg --target --user "
+        others = docker + "--help --install --component --prefix --benchmark_filter --python"
         scripts = "".join(text_of(f"tests/benchmark/{name}.py") for name in ("bench", "wait_policy"))
         known = flags_in("".join(self.helps.values()) + scripts + others)
         for document in DOCUMENTS:
