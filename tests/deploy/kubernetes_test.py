@@ -31,6 +31,8 @@ EXCLUSIVE = {"autoscaling", "keda"}  # both say how many servers there are
 # Where the flags of a container's program are defined, by the container's name.
 FLAGS = {"server": "server/flags.cc", "client": "client/cli/command_line.cc", "trainer": "training/flags.cc",
          "pytorch": "training/flags.cc"}
+# What says how many threads compute; the programs' own choice knows limits of CPU, and no requests.
+THREADS = {"server": "HOLDFAST_COMPUTE_THREADS", "trainer": "HOLDFAST_THREADS", "pytorch": "HOLDFAST_THREADS"}
 
 
 @functools.lru_cache(maxsize=None)
@@ -79,6 +81,12 @@ def port_names(template):
     return {port["name"] for container in template["spec"]["containers"] for port in container.get("ports", [])}
 
 
+def bounds_threads(container):
+    wanted = {"name": THREADS[container["name"]],
+              "valueFrom": {"resourceFieldRef": {"resource": "requests.cpu"}}}
+    return "cpu" in container.get("resources", {}).get("limits", {}) or wanted in container.get("env", [])
+
+
 def pod_findings(item, template):
     """Of one template: safe by default, and every name in it leads somewhere."""
     spec = template["spec"]
@@ -96,6 +104,8 @@ def pod_findings(item, template):
             yield f"container {container['name']} may do more than it must"
         if "memory" not in container.get("resources", {}).get("limits", {}):
             yield f"container {container['name']} has no limit of memory"
+        if container["name"] in THREADS and not bounds_threads(container):
+            yield f"container {container['name']} starts a thread for every core of its node"
         if container["image"] != f"holdfast-{container['name'].replace('pytorch', 'trainer')}":
             yield f"container {container['name']} has the image {container['image']}"
         mounted = {mount["name"] for mount in container.get("volumeMounts", [])}
@@ -452,6 +462,8 @@ class SeededFaultsTest(unittest.TestCase):
         self.pod("as root", lambda spec: spec["securityContext"].pop("runAsNonRoot"))
         self.pod("more than it must", lambda spec: spec["containers"][0]["securityContext"].pop("capabilities"))
         self.pod("no limit of memory", lambda spec: spec["containers"][0]["resources"].pop("limits"))
+        self.pod("every core of its node", lambda spec: spec["containers"][0]["env"].pop())
+        self.pod("every core of its node", lambda spec: spec["containers"][0]["env"].pop(), "training/job", "Job")
 
     def test_a_patch_of_what_is_not_there(self):
         with tempfile.TemporaryDirectory(prefix="holdfast-kustomize-") as scratch:
