@@ -81,6 +81,15 @@ def port_names(template):
     return {port["name"] for container in template["spec"]["containers"] for port in container.get("ports", [])}
 
 
+def mounted_paths(container):
+    return {mount["mountPath"] for mount in container.get("volumeMounts", [])}
+
+
+def temporary_directory(container):
+    values = {variable["name"]: variable.get("value") for variable in container.get("env", [])}
+    return values.get("TMPDIR", "/var/tmp")
+
+
 def bounds_threads(container):
     wanted = {"name": THREADS[container["name"]],
               "valueFrom": {"resourceFieldRef": {"resource": "requests.cpu"}}}
@@ -104,6 +113,8 @@ def pod_findings(item, template):
             yield f"container {container['name']} may do more than it must"
         if "memory" not in container.get("resources", {}).get("limits", {}):
             yield f"container {container['name']} has no limit of memory"
+        if container["name"] == "client" and temporary_directory(container) not in mounted_paths(container):
+            yield "--both keeps frames where nothing can be written: TMPDIR is not mounted"
         if container["name"] in THREADS and not bounds_threads(container):
             yield f"container {container['name']} starts a thread for every core of its node"
         if container["image"] != f"holdfast-{container['name'].replace('pytorch', 'trainer')}":
@@ -429,6 +440,7 @@ class SeededFaultsTest(unittest.TestCase):
                           lambda item: item["spec"]["rules"][0]["matches"][0]["method"].update(
                               service="holdfast.v1.Tracking"), ("gateway",))
         self.pod("volume tmp", lambda spec: spec["volumes"].clear())
+        self.pod("TMPDIR is not mounted", lambda spec: spec["containers"][0]["env"].pop(), "batch", "Job")
         self.pod("no claim", lambda spec: spec["volumes"][0]["persistentVolumeClaim"].update(claimName="c"),
                  "training/job", "Job")
         self.pod("there is no port metrics", lambda spec: spec["containers"][0]["readinessProbe"]["httpGet"].update(
