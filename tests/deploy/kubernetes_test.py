@@ -186,7 +186,7 @@ def ports_of(item):
     if item["kind"] == "Service":
         return [port["targetPort"] for port in spec["ports"] if "targetPort" in port]
     if item["kind"] == "NetworkPolicy":
-        return [port["port"] for rule in spec["ingress"] for port in rule["ports"]]
+        return [port["port"] for rule in spec.get("ingress", []) for port in rule["ports"]]
     if item["kind"] == "PodMonitor":
         return [endpoint["port"] for endpoint in spec["podMetricsEndpoints"]]
     return []
@@ -293,7 +293,16 @@ class ManifestsTest(unittest.TestCase):
         self.assertFalse(pod(("pod-monitor",))["metadata"].get("annotations"))
         self.assertIn({"name": "HOLDFAST_CHECKPOINT_KEYS", "value": "/run/checkpoint-keys/keys"},
                       pod(("resume-keys",))["spec"]["containers"][0]["env"])
+        self.assertIn({"name": "HOLDFAST_OTLP_ENDPOINT", "value": "collector.monitoring:4317"},
+                      pod(("tracing",))["spec"]["containers"][0]["env"])
         self.assertEqual(len(pod(("topology-spread",))["spec"]["topologySpreadConstraints"]), 2)
+
+    def test_spans_get_past_the_policies(self):
+        policies = [item["spec"] for item in rendered("base", ("network-policy", "tracing"))
+                    if item["kind"] == "NetworkPolicy"]
+        ways = {(rule["to"][0]["namespaceSelector"]["matchLabels"]["kubernetes.io/metadata.name"], port["port"])
+                for policy in policies for rule in policy["egress"] for port in rule["ports"]}
+        self.assertEqual(ways, {("monitoring", 4317), ("kube-system", 53)})  # the collector, and its name
 
     def test_a_newer_kustomize_says_the_same(self):
         program = shutil.which("kubectl")
