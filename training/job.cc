@@ -10,6 +10,7 @@
 #include <optional>
 #include <utility>
 
+#include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "model/checkpoint/safetensors.h"
@@ -117,7 +118,8 @@ std::string Describe(const TrainRequest& request, const PointModelImpl& model, c
 
 }  // namespace
 
-absl::Status RunTraining(const TrainRequest& request, const GroupOptions& options, const std::atomic<bool>& stop) {
+absl::StatusOr<StopReason> RunTraining(const TrainRequest& request, const GroupOptions& options,
+                                       const std::atomic<bool>& stop) {
   const SystemClock clock;
   torch::set_num_threads(ThreadCount(request.threads));
   auto group = ProcessGroup::Join(options, request.trainer.device.type());
@@ -142,7 +144,7 @@ absl::Status RunTraining(const TrainRequest& request, const GroupOptions& option
       ->Notice(absl::StrFormat("%s at step %d; best validation delta_vis %.1f",
                                summary->reason == StopReason::kFinished ? "finished" : "stopped", summary->step,
                                summary->best));
-  return absl::OkStatus();
+  return summary->reason;
 }
 
 }  // namespace holdfast

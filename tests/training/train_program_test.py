@@ -114,7 +114,7 @@ class TrainProgramTest(unittest.TestCase):
         first.send_signal(signal.SIGTERM)
         for rank in (first, second):
             _, errors = rank.communicate()
-            self.assertEqual(rank.returncode, 0, errors)
+            self.assertEqual(rank.returncode, 128 + signal.SIGTERM, errors)  # the second one as well: both go on later
 
     def write_clip(self, name, frames):
         """Pictures of 64 x 64 whose four points stand still."""
@@ -137,18 +137,31 @@ class TrainProgramTest(unittest.TestCase):
                            "--format=neutral", f"--data={self.folder / 'clips'}", f"--seed={seed}")
             self.assertEqual(result.returncode, 0, result.stderr)
 
-    def test_sigterm_writes_a_checkpoint_and_ends_well(self):
-        out = self.folder / "out"
+    def stop_by(self, number, out):
+        """Sends the signal after the third step of a long training; its exit code, and what it printed last."""
         process = subprocess.Popen(command(out, "--steps=100000", "--checkpoint_every=0"), stdout=subprocess.PIPE,
                                    text=True)
         for line in process.stdout:
             if line.startswith("step 3/"):
-                process.send_signal(signal.SIGTERM)
+                process.send_signal(number)
                 break
         rest, _ = process.communicate()
-        self.assertEqual(process.returncode, 0)
-        self.assertIn("stopped at step", rest)
-        self.assertEqual(len(list(out.glob("checkpoint-*.state.safetensors"))), 1)
+        return process.returncode, rest
+
+    def test_a_signal_writes_a_checkpoint_and_tells_that_the_training_is_not_done(self):
+        for number in (signal.SIGTERM, signal.SIGINT):
+            out = self.folder / number.name
+            code, rest = self.stop_by(number, out)
+            self.assertEqual(code, 128 + number)
+            self.assertIn("stopped at step", rest)
+            self.assertEqual(len(list(out.glob("checkpoint-*.state.safetensors"))), 1)
+
+    def test_a_training_whose_time_is_used_up_is_done(self):
+        out = self.folder / "out"
+        for _ in range(2):  # whoever starts it again learns the same
+            result = train(out, "--steps=0", "--time_budget=1s")
+            self.assertEqual(result.returncode, 0, result.stderr)
+            self.assertIn("finished at step", result.stdout)
 
     def test_killed_while_it_writes_checkpoints_it_goes_on_with_the_same_losses(self):
         whole, killed = self.folder / "whole", self.folder / "killed"
