@@ -4,7 +4,10 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 PRESET ?= release
 BUILD := build/$(PRESET)
-JOBS ?= $(shell nproc)
+# A compiler or a test takes up to 2 GB.
+JOBS ?= $(shell awk -v cores=$$(nproc) '/^MemAvailable:/ {n = int($$2 / 2e6); print n < 1 ? 1 : n < cores ? n : cores}' /proc/meminfo)
+# Of each test: with a thread for every core, as many tests at once would have cores times cores of them.
+TEST_THREADS := $(shell n=$$(nproc); echo $$((n < 4 ? n : 4)))
 TIME ?= 30m
 LISTS ?= build
 PACKAGES = $(shell grep -hv '^\#' $(LISTS:%=deploy/packages/%.txt))
@@ -35,11 +38,11 @@ build: configure ## build everything (PRESET=release|asan|asan-core|tsan|clang)
 	cmake --build $(BUILD) -j $(JOBS)
 
 test: build tools ## build and run every test; those of model and engine once more under AddressSanitizer
-	ctest --preset $(PRESET) -j $(JOBS)
+	OMP_NUM_THREADS=$(TEST_THREADS) ctest --preset $(PRESET) -j $(JOBS)
 ifeq ($(PRESET),release)
 	cmake --preset asan-core > /dev/null
 	cmake --build --preset asan-core -j $(JOBS)
-	ctest --preset asan-core -j $(JOBS)
+	OMP_NUM_THREADS=$(TEST_THREADS) ctest --preset asan-core -j $(JOBS)
 endif
 
 dist: build wheel ## make the source archive, Debian packages of server, client and its library, and the wheel in out/dist
@@ -91,7 +94,7 @@ lint: ## check format, and the whole tree by clang-tidy and clang's thread-safet
 	JOBS=$(JOBS) .ci/lint
 
 sanitize: ## run every test under AddressSanitizer with UndefinedBehaviorSanitizer, then under ThreadSanitizer
-	JOBS=$(JOBS) .ci/sanitize
+	JOBS=$(JOBS) OMP_NUM_THREADS=$(TEST_THREADS) .ci/sanitize
 
 fuzz: ## run each fuzz target with libFuzzer for SECONDS=300
 	JOBS=$(JOBS) .ci/fuzz $(or $(SECONDS),300)
