@@ -1,5 +1,5 @@
 # What is installed beside the programs, and Debian packages of it (make dist):
-#   holdfast-server   the server and the shipped weights
+#   holdfast-server   the server, the shipped weights, and holdfast-import for others
 #   holdfast-client   the command line
 #   libholdfast-dev   the client library: find_package(holdfast), holdfast::client
 include(GNUInstallDirs)

@@ -137,11 +137,15 @@ function(_holdfast_executable target sources deps pch folder)
   set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/${folder})
 endfunction()
 
-# holdfast_program(name SOURCES ... DEPS ... [PCH torch|grpc]); the target has the executable's file name.
+# holdfast_program(name SOURCES ... DEPS ... [PCH torch|grpc] [COMPONENT name]); the target has the executable's file name.
+# It is installed as a component of that name, too, unless it belongs to another one.
 function(holdfast_program name)
-  cmake_parse_arguments(A "" "PCH" "SOURCES;DEPS" ${ARGN})
+  cmake_parse_arguments(A "" "PCH;COMPONENT" "SOURCES;DEPS" ${ARGN})
+  if(NOT A_COMPONENT)
+    set(A_COMPONENT ${name})
+  endif()
   _holdfast_executable(${name} "${A_SOURCES}" "${A_DEPS}" "${A_PCH}" bin)
-  install(TARGETS ${name} RUNTIME COMPONENT ${name})
+  install(TARGETS ${name} RUNTIME COMPONENT ${A_COMPONENT})
 endfunction()
 
 # A program of tests, in the groups of its folder and those above: model_ops_tests, model_tests. Without PCH it has that

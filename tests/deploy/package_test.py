@@ -15,8 +15,9 @@ sys.path.insert(0, str(ROOT / "tests" / "e2e"))
 from server_process import VIDEO, ServerProcess  # noqa: E402
 
 SMALL = ["--processing_size=128x96", "--iterations=1", "--compute_threads=1", "--precision=float32"]
-PACKAGES = {"holdfast-server": "usr/bin/holdfast-server", "holdfast-client": "usr/bin/holdfast",
-            "libholdfast-dev": "usr/include/holdfast/client/remote_tracker.h"}
+PACKAGES = {"holdfast-server": ["usr/bin/holdfast-server", "usr/bin/holdfast-import"],
+            "holdfast-client": ["usr/bin/holdfast"],
+            "libholdfast-dev": ["usr/include/holdfast/client/remote_tracker.h"]}
 
 
 def run(*command, **options):
@@ -61,9 +62,10 @@ class PackageTest(unittest.TestCase):
         run("cpack", "--config", pathlib.Path(self.build) / "CPackConfig.cmake", "-B", self.folder)
         debs = {path.name.split("_")[0]: path for path in self.folder.glob("*.deb")}
         self.assertEqual(set(debs), set(PACKAGES))
-        for name, file in PACKAGES.items():
+        for name, files in PACKAGES.items():
             run("dpkg-deb", "-x", debs[name], self.folder / name)
-            self.assertTrue((self.folder / name / file).is_file(), name)
+            for file in files:
+                self.assertTrue((self.folder / name / file).is_file(), file)
             self.assertRegex(run("dpkg-deb", "-f", debs[name], "Version"), r"^0\.\d+\.\d+")
         self.assertIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-server"], "Depends"))
         self.assertNotIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-client"], "Depends"))
