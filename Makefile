@@ -44,6 +44,7 @@ ifeq ($(PRESET),release)
 	cmake --build --preset asan-core -j $(JOBS)
 	OMP_NUM_THREADS=$(TEST_THREADS) ctest --preset asan-core -j $(JOBS)
 endif
+	@/usr/bin/python3 tests/skipped.py $(BUILD) $(if $(filter release,$(PRESET)),build/asan-core)
 
 dist: build wheel ## make the source archive, Debian packages of server, client and its library, and the wheel in out/dist
 	mkdir -p out/dist

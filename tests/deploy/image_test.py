@@ -107,4 +107,4 @@ class ImageTest(unittest.TestCase):
 
 if __name__ == "__main__":
     ImageTest.programs = sys.argv.pop(1)
-    unittest.main()
+    unittest.main(verbosity=2)

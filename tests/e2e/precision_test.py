@@ -84,4 +84,4 @@ class PrecisionTest(unittest.TestCase):
 
 if __name__ == "__main__":
     PrecisionTest.server_program, PrecisionTest.client_program = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    unittest.main(argv=sys.argv[:1], verbosity=2)
