@@ -32,8 +32,19 @@ export function stretches(track: Lane, from: number, to: number): Stretch[] {
   return found;
 }
 
-/** The frames that a timeline shows: all of them, or the newest `most` of a long run. Null: nobody knows how many come. */
-export function shownFrames(frames: number, expected: number | null, most: number): { from: number; to: number } {
-  const to = Math.max(expected ?? 48, frames, 1) - 1;
-  return { from: Math.max(0, to - most + 1), to };
+/** The frames first .. last that a timeline shows. */
+export interface Span {
+  from: number;
+  to: number;
+}
+
+/**
+ * All frames that there will be, or `most` of a longer run: the same ones as before, which began at `from`, moved no further
+ * than it takes to have the frame on the stage among them. Expected null: nobody knows how many come.
+ */
+export function shownFrames(frames: number, expected: number | null, most: number, shown: number, from: number): Span {
+  const end = Math.max(expected ?? 48, frames, 1);
+  const latest = Math.max(0, Math.min(shown, end - most));
+  const first = Math.min(Math.max(from, shown - most + 1), latest);
+  return { from: first, to: Math.min(first + most, end) - 1 };
 }

@@ -2,7 +2,7 @@
 import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { colorOf, confidenceColor } from "../draw";
-import { type Lane, shownFrames, stretches } from "../lanes";
+import { type Lane, shownFrames, type Span, stretches } from "../lanes";
 import * as page from "../page";
 
 const { tracker } = page;
@@ -18,6 +18,7 @@ class TimelineCanvas {
   private painting = 0;
   private dragging = false;
   private lanes: Lane[] = []; // an object's points have none of their own
+  private span: Span = { from: 0, to: 0 }; // as painted last
 
   constructor(
     private readonly scroller: HTMLElement,
@@ -66,9 +67,9 @@ class TimelineCanvas {
 
   // --- Frames and rows against places on the canvas, in CSS pixels.
 
-  private get span() {
-    const known = typeof tracker.source.value?.frames === "number";
-    return shownFrames(tracker.there.value, known ? tracker.expected.value : null, MOST_FRAMES);
+  private nextSpan(): Span {
+    const expected = typeof tracker.source.value?.frames === "number" ? tracker.expected.value : null;
+    return shownFrames(tracker.there.value, expected, MOST_FRAMES, tracker.shown.value, this.span.from);
   }
   private xOf(frame: number): number {
     const { from, to } = this.span;
@@ -87,6 +88,7 @@ class TimelineCanvas {
   private paint(): void {
     const { clientWidth: width, clientHeight: height } = this.scroller;
     const { tracks, objects } = tracker.tracks;
+    this.span = this.nextSpan();
     this.lanes = [...[...tracks].filter((track) => !track.object), ...objects].sort((a, b) => a.order - b.order);
     this.spacer.style.height = `${Math.max(0, RULER + this.lanes.length * LANE - height)}px`;
     Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px` });
@@ -162,7 +164,7 @@ class TimelineCanvas {
     const { context } = this;
     const drawn = tracker.points.getObject(track.id);
     for (const { frame } of drawn ? [drawn] : (tracker.points.get(track.id)?.placed ?? [])) {
-      if (frame < this.span.from) continue;
+      if (frame < this.span.from || frame > this.span.to) continue;
       const [x, middle] = [(this.xOf(frame) + this.xOf(frame + 1)) / 2, y + LANE / 2];
       context.beginPath();
       for (const [dx, dy] of [[0, -5], [5, 0], [0, 5], [-5, 0]] as const) context.lineTo(x + dx, middle + dy);
@@ -179,10 +181,11 @@ class TimelineCanvas {
     context.fillRect(0, 0, width, RULER);
     context.fillStyle = color("--line");
     context.fillRect(0, RULER - 1, width, 1);
+    const widthTo = (frame: number) => this.xOf(Math.min(Math.max(from, frame), to + 1)) - this.xOf(from);
     context.fillStyle = color("--accent-soft");
-    context.fillRect(this.xOf(from), RULER - 3, this.xOf(Math.max(from, tracker.sent.value)) - this.xOf(from), 3);
+    context.fillRect(this.xOf(from), RULER - 3, widthTo(tracker.sent.value), 3);
     context.fillStyle = color("--accent");
-    context.fillRect(this.xOf(from), RULER - 3, this.xOf(Math.max(from, tracker.final.value)) - this.xOf(from), 3);
+    context.fillRect(this.xOf(from), RULER - 3, widthTo(tracker.final.value), 3);
     context.fillStyle = color("--text-soft");
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "middle";

@@ -153,9 +153,20 @@ test("a lane is cut where its look changes", () => {
   expect(stretches(store.get(1)!, 1, 2)).toEqual([look(1, 1, true, true), look(2, 2, false, true)]);
 });
 
-test("a timeline shows all of a file, and the newest of an endless camera", () => {
-  expect(shownFrames(1, 3, 1000)).toEqual({ from: 0, to: 2 });
-  expect(shownFrames(3, 160, 1000)).toEqual({ from: 0, to: 159 });
-  expect(shownFrames(3, null, 1000)).toEqual({ from: 0, to: 47 });
-  expect(shownFrames(5000, null, 1000)).toEqual({ from: 4000, to: 4999 });
+test("a timeline shows all of a file, and what there may be of an endless camera", () => {
+  expect(shownFrames(1, 3, 1000, 0, 0)).toEqual({ from: 0, to: 2 });
+  expect(shownFrames(3, 160, 1000, 2, 0)).toEqual({ from: 0, to: 159 });
+  expect(shownFrames(3, null, 1000, 2, 0)).toEqual({ from: 0, to: 47 });
+});
+
+test("of a long run a timeline shows those frames that have the one on the stage among them", () => {
+  expect(shownFrames(1, 5000, 1000, 0, 0)).toEqual({ from: 0, to: 999 }); // which are the first ones, while it begins
+  expect(shownFrames(1700, 5000, 1000, 1699, 699)).toEqual({ from: 700, to: 1699 });
+  expect(shownFrames(1700, 5000, 1000, 900, 700)).toEqual({ from: 700, to: 1699 });
+  expect(shownFrames(1700, 5000, 1000, 650, 700)).toEqual({ from: 650, to: 1649 }); // someone goes back
+  expect(shownFrames(1700, 5000, 1000, 1649, 650)).toEqual({ from: 650, to: 1649 });
+  expect(shownFrames(5000, 5000, 1000, 4999, 0)).toEqual({ from: 4000, to: 4999 });
+  expect(shownFrames(5000, null, 1000, 4999, 3999)).toEqual({ from: 4000, to: 4999 });
+  expect(shownFrames(1, 5000, 1000, 0, 4000)).toEqual({ from: 0, to: 999 }); // it begins anew
+  expect(shownFrames(0, 2, 1000, -1, 4000)).toEqual({ from: 0, to: 1 });
 });
