@@ -55,6 +55,12 @@ ImageSize Limited(ImageSize size, int max_side) {
   return {Scaled(size.width, factor), Scaled(size.height, factor)};
 }
 
+// Where a coordinate of a picture with a side of 'from' pixels lies in one of 'to' pixels.
+float Resized(float at, int from, int to) {
+  constexpr double kEdge = 0.5;  // pixels, from it to the centre of the first one
+  return static_cast<float>((at + kEdge) * to / from - kEdge);
+}
+
 // FFmpeg looks at megabytes or seconds of a stream before it gives a frame, unless it is told not to; that a user told
 // it something wins.
 void TakeFramesAtOnce() { setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "probesize;32|analyzeduration;0", /*overwrite=*/0); }
@@ -281,11 +287,10 @@ absl::StatusOr<std::string> FrameEncoder::Encode(const cv::Mat& frame) const {
 }
 
 PointQuery FrameEncoder::ToSent(const PointQuery& point) const {
-  // A point on the last column of a larger picture would lie beyond the smaller one's.
-  const float x = point.x * static_cast<float>(sent_.width) / static_cast<float>(size_.width);
-  const float y = point.y * static_cast<float>(sent_.height) / static_cast<float>(size_.height);
-  return {point.id, std::min(x, static_cast<float>(sent_.width - 1)),
-          std::min(y, static_cast<float>(sent_.height - 1))};
+  const float x = Resized(point.x, size_.width, sent_.width);
+  const float y = Resized(point.y, size_.height, sent_.height);
+  return {point.id, std::clamp(x, 0.0f, static_cast<float>(sent_.width - 1)),
+          std::clamp(y, 0.0f, static_cast<float>(sent_.height - 1))};
 }
 
 absl::StatusOr<ObjectQuery> FrameEncoder::ToSent(const ObjectQuery& object) const {
@@ -295,7 +300,8 @@ absl::StatusOr<ObjectQuery> FrameEncoder::ToSent(const ObjectQuery& object) cons
   const auto encoded = WithoutException("PNG", [&] {
     cv::Mat mask =
         cv::imdecode(std::vector<uint8_t>(object.mask_png.begin(), object.mask_png.end()), cv::IMREAD_GRAYSCALE);
-    cv::resize(mask, mask, {sent_.width, sent_.height}, 0, 0, cv::INTER_NEAREST);
+    // By pixel centres, as the pictures; INTER_NEAREST takes corners for them.
+    cv::resize(mask, mask, {sent_.width, sent_.height}, 0, 0, cv::INTER_NEAREST_EXACT);
     cv::imencode(".png", mask, png);
     return mask;
   });
@@ -304,18 +310,20 @@ absl::StatusOr<ObjectQuery> FrameEncoder::ToSent(const ObjectQuery& object) cons
   return sent;
 }
 
+Pixel FrameEncoder::FromSent(Pixel sent) const {
+  return {Resized(sent.x, sent_.width, size_.width), Resized(sent.y, sent_.height, size_.height)};
+}
+
 void FrameEncoder::FromSent(ObjectRun& run) const {
-  const float x = static_cast<float>(size_.width) / static_cast<float>(sent_.width);
-  const float y = static_cast<float>(size_.height) / static_cast<float>(sent_.height);
   for (ObjectSample& sample : run.samples) {
-    sample.centre = {sample.centre.x * x, sample.centre.y * y};
-    for (Pixel& corner : sample.outline) corner = {corner.x * x, corner.y * y};
+    sample.centre = FromSent(sample.centre);
+    for (Pixel& corner : sample.outline) corner = FromSent(corner);
   }
 }
 
 void FrameEncoder::FromSent(PointRun& run) const {
-  for (float& x : run.x) x = x * static_cast<float>(size_.width) / static_cast<float>(sent_.width);
-  for (float& y : run.y) y = y * static_cast<float>(size_.height) / static_cast<float>(sent_.height);
+  for (float& x : run.x) x = Resized(x, sent_.width, size_.width);
+  for (float& y : run.y) y = Resized(y, sent_.height, size_.height);
 }
 
 }  // namespace holdfast

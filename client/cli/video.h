@@ -75,7 +75,10 @@ class FrameEncoder {
 
   absl::StatusOr<std::string> Encode(const cv::Mat& frame) const;
 
-  // Positions in the source's pixels <-> positions in the sent picture's.
+  // Positions in the source's pixels <-> positions in the sent picture's. Pictures are made smaller edge to edge, so
+  // the centre of the first pixel, (0, 0), comes to lie elsewhere: a fourth of a pixel before the smaller one's at half
+  // the size. A point that would lie beyond the centres of the sent picture's outer pixels is moved there, as servers
+  // want.
   PointQuery ToSent(const PointQuery& point) const;
   void FromSent(PointRun& run) const;
   // The mask becomes one of the sent picture's size.
@@ -84,6 +87,8 @@ class FrameEncoder {
   ImageSize sent_size() const { return sent_; }
 
  private:
+  Pixel FromSent(Pixel sent) const;
+
   const ImageSize size_;
   const ImageSize sent_;
   const int jpeg_quality_;

@@ -59,8 +59,8 @@ TEST_F(TrackCommandTest, AMaskIsAnObjectWhosePointsFollowThoseOfTheFile) {
   const auto object = json["objects"][0];
   EXPECT_EQ(object["points"], nlohmann::json::parse("[3, 4, 5]"));
   EXPECT_EQ(object["frames"], nlohmann::json::parse("[1, 2, 3, 4, 5]"));
-  EXPECT_EQ(object["xy"][4], nlohmann::json::parse("[12.0, 2.0]"));
-  EXPECT_EQ(object["outline"][0], nlohmann::json::parse("[[4.0, 0.0], [8.0, 4.0], [4.0, 4.0]]"));
+  EXPECT_EQ(object["xy"][4], nlohmann::json::parse("[12.5, 2.5]"));
+  EXPECT_EQ(object["outline"][0], nlohmann::json::parse("[[4.5, 0.5], [8.5, 4.5], [4.5, 4.5]]"));
   EXPECT_EQ(object["left"][2], nlohmann::json::parse("[4]"));
   EXPECT_THAT(log_.str(), HasSubstr("5 points, final on all 6 frames"));
 }
@@ -163,7 +163,7 @@ TEST_F(TrackCommandTest, ResultsAreInTheSourcesPixelsWhateverIsSent) {
   options_.max_side = 32;
   FakeTracker tracker(MovingRight());
   ASSERT_THAT(Run(tracker), IsOk());
-  EXPECT_EQ(tracker.configs()[0].points[0].x, 5);
+  EXPECT_EQ(tracker.configs()[0].points[0].x, 4.75f) << "(10 + 0.5) / 2 - 0.5";
   const auto sent = tracker.frames()[0].bytes;
   EXPECT_EQ(cv::imdecode(std::vector<char>(sent.begin(), sent.end()), cv::IMREAD_COLOR).cols, 32);
   EXPECT_EQ(Tracks()["points"][0]["xy"][5], nlohmann::json::parse("[20.0, 20.0]"));

@@ -50,7 +50,7 @@ TEST_F(TrackQueriesTest, WhatStartsOnTheFirstFrameIsInTheConfigAndTheRestWithIts
   const SessionConfig config = queries.Config();
   EXPECT_EQ(config.frame_size, (ImageSize{32, 24})) << "of what is sent";
   ASSERT_THAT(config.points, SizeIs(2));
-  EXPECT_EQ(config.points[0].x, 10.5f) << "in pixels of what is sent";
+  EXPECT_EQ(config.points[0].x, 10.25f) << "in pixels of what is sent";
   EXPECT_THAT(config.objects, IsEmpty());
   EXPECT_THAT(queries.PointsOf(7), SizeIs(1));
   EXPECT_THAT(queries.PointsOf(3), IsEmpty());

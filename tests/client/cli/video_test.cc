@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -190,15 +191,63 @@ TEST(FrameEncoderTest, LargeFramesAreSentSmallerAndPositionsFollow) {
   const cv::Mat decoded = cv::imdecode(std::vector<char>(bytes->begin(), bytes->end()), cv::IMREAD_COLOR);
   EXPECT_EQ(decoded.size(), cv::Size(50, 25));
   EXPECT_NEAR(decoded.at<cv::Vec3b>(9, 9)[1], 7, 2);
-  EXPECT_EQ(encoder.ToSent({3, 100, 40}).x, 25);
-  EXPECT_EQ(encoder.ToSent({3, 100, 40}).y, 10);
+  const PointQuery sent = encoder.ToSent({3, 41.5f, 9.5f});  // amid columns 40..43 and rows 8..11
+  EXPECT_EQ(sent.x, 10);
+  EXPECT_EQ(sent.y, 2);
   EXPECT_EQ(encoder.ToSent({3, 199, 99}).x, 49) << "the last column stays inside";
+  EXPECT_EQ(encoder.ToSent({3, 0, 0}).y, 0) << "so does the first row";
   PointRun run;
-  run.x = {25};
-  run.y = {10};
+  run.x = {10};
+  run.y = {2};
   encoder.FromSent(run);
-  EXPECT_EQ(run.x[0], 100);
-  EXPECT_EQ(run.y[0], 40);
+  EXPECT_EQ(run.x[0], 41.5f);
+  EXPECT_EQ(run.y[0], 9.5f);
+}
+
+// The middle of what is bright in the first row.
+double MiddleOfRow(const cv::Mat& gray) {
+  int sum = 0;
+  int count = 0;
+  for (int x = 0; x < gray.cols; ++x) {
+    if (gray.at<uint8_t>(0, x) <= 127) continue;
+    sum += x;
+    ++count;
+  }
+  return static_cast<double>(sum) / count;
+}
+
+cv::Mat Decoded(const std::string& bytes) {
+  return cv::imdecode(std::vector<char>(bytes.begin(), bytes.end()), cv::IMREAD_GRAYSCALE);
+}
+
+TEST(FrameEncoderTest, WhatAPictureAndAMaskShowIsSentWherePointsOnItAre) {
+  const FrameEncoder encoder({160, 80}, 32, 100);  // a fifth
+  cv::Mat picture = Flat(160, 80, 0);
+  picture.colRange(61, 76).setTo(cv::Scalar::all(255));
+  cv::Mat mask;
+  cv::cvtColor(picture, mask, cv::COLOR_BGR2GRAY);
+  ObjectQuery object;
+  std::vector<uint8_t> png;
+  cv::imencode(".png", mask, png);
+  object.mask_png.assign(png.begin(), png.end());
+  const auto jpeg = encoder.Encode(picture);
+  const auto sent = encoder.ToSent(object);
+  ASSERT_THAT(jpeg, IsOk());
+  ASSERT_THAT(sent, IsOk());
+  const float middle = encoder.ToSent({1, 68, 0}).x;  // of columns 61..75
+  EXPECT_NEAR(MiddleOfRow(Decoded(*jpeg)), middle, 0.5);
+  EXPECT_NEAR(MiddleOfRow(Decoded(sent->mask_png)), middle, 0.5);
+}
+
+TEST(FrameEncoderTest, APartOfAnObjectIsWhereItsPixelsAre) {
+  ObjectRun run;
+  run.samples.resize(1);
+  run.samples[0].centre = {10, 2};
+  run.samples[0].outline = {{0, 0}, {49, 24}};
+  FrameEncoder({200, 100}, 50, 90).FromSent(run);
+  EXPECT_EQ(run.samples[0].centre.x, 41.5f);
+  EXPECT_EQ(run.samples[0].outline[0].y, 1.5f);
+  EXPECT_EQ(run.samples[0].outline[1].x, 197.5f);
 }
 
 TEST(FrameEncoderTest, SmallFramesAreSentAsTheyAre) {

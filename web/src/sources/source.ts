@@ -48,11 +48,13 @@ export interface Resizing {
 }
 
 /**
- * From pixels of the frames sent to those of the source's own frames, where files have their positions. It is what
- * `holdfast track --max_side` does (FrameEncoder::FromSent), float32 included: x becomes x · W / W0.
+ * From pixels of the frames sent to those of the source's own frames, where files have their positions. Frames are shrunk
+ * edge to edge, and (0, 0) is the centre of the first pixel: half a pixel lies between it and the edge. It is what
+ * `holdfast track --max_side` does (FrameEncoder::FromSent), to the last digit.
  */
 export function toOwnPixels({ width, height, own }: Pick<Source, "width" | "height" | "own">): Resizing {
-  return { x: (x) => Math.fround((x * own.width) / width), y: (y) => Math.fround((y * own.height) / height) };
+  const resized = (at: number, from: number, to: number) => Math.fround(((at + 0.5) * to) / from - 0.5);
+  return { x: (x) => resized(x, width, own.width), y: (y) => resized(y, height, own.height) };
 }
 
 /** Makes JPEGs of one size. */

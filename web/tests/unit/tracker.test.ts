@@ -87,14 +87,14 @@ test("files have the size and the pixels of the source's own frames, what is pai
 
   const own = tracker.table();
   expect(own).toMatchObject({ width: 1920, height: 960, frames: 3 });
-  expect(own.tracks.map((track) => track.at(2))).toMatchObject([{ x: 6, y: 8 }, { x: 6, y: 8 }]);
+  expect(own.tracks.map((track) => track.at(2))).toMatchObject([{ x: 7, y: 8.5 }, { x: 7, y: 8.5 }]);
   expect(own.tracks.map(({ object }) => object)).toEqual([null, own.objects[0]]);
-  expect(own.objects[0]!.at(2)).toMatchObject({ x: 6.75, y: 8, scale: 1, outline: [[6, 2], [18, 2], [6, 16]] });
-  expect(toJson(own)).toContain('"xy":[[0.0,0.0],[3.0,4.0],[6.0,8.0]]');
+  expect(own.objects[0]!.at(2)).toMatchObject({ x: 7.75, y: 8.5, scale: 1, outline: [[7, 2.5], [19, 2.5], [7, 16.5]] });
+  expect(toJson(own)).toContain('"xy":[[1.0,0.5],[4.0,4.5],[7.0,8.5]]');
   expect(JSON.parse(toJson(own)).objects[0].points).toEqual([3]);
   expect(toCvat(own)).toContain("<width>1920</width><height>960</height>");
   expect(to3de({ ...own, tracks: own.tracks.slice(0, 1) })).toBe(
-    "1\n1\n0\n3\n1 0.500000 959.500000\n2 3.500000 955.500000\n3 6.500000 951.500000\n");
+    "1\n1\n0\n3\n1 1.500000 959.000000\n2 4.500000 955.000000\n3 7.500000 951.000000\n");
 
   const sent = tracker.tableAsSent();
   expect(sent).toMatchObject({ width: 640, height: 480, frames: 3 });
