@@ -9,6 +9,8 @@ interface Known extends ObjectSample {
 
 /** One object's life: where its centre was, and what else its points said together. */
 export class ObjectTrack {
+  /** As of a Track: it is followed when the run begins anew. */
+  waits = false;
   private known: (Known | undefined)[] = []; // from `start` on
   private finals = 0; // so many of them are final
   private joins = new Map<number, number>(); // from which frame on points take part that were placed anew

@@ -171,7 +171,7 @@ export class Tracker implements Observer {
     if (frame < 0 || !this.source.value) return [];
     if (!this.hasRoom(positions.length, 0)) return [];
     const seeds = positions.map((at) => this.points.add(frame, ...this.inside(at)));
-    for (const { id } of seeds) this.tracks.seed(id, frame);
+    for (const { id } of seeds) this.tracks.seed(id, frame).waits = !this.takes(frame);
     this.tell(frame, seeds.map(({ id }) => id));
     return seeds.map(({ id }) => id);
   }
@@ -192,7 +192,7 @@ export class Tracker implements Observer {
     const newest = this.sent.value - 1;
     const frame = shown === newest && this.takesMore ? shown + 1 : shown;
     const { id } = this.points.addObject({ frame, shown, shape, count });
-    this.tracks.seedObject(id, frame);
+    this.tracks.seedObject(id, frame).waits = !this.takes(frame);
     if (frame <= newest) this.stale.value = true;
     this.touch();
     return id;
@@ -202,7 +202,7 @@ export class Tracker implements Observer {
   place(id: number, at: { x: number; y: number }): void {
     const frame = this.shown.value;
     this.points.place(id, frame, ...this.inside(at));
-    if (frame >= this.sent.value - 1) this.tracks.seed(id, frame);
+    if (this.takes(frame)) this.tracks.seed(id, frame).waits = false;
     this.tell(frame, [id]);
   }
 
@@ -258,7 +258,7 @@ export class Tracker implements Observer {
 
   /** The same in pixels of the frames sent, which are what there is to paint on. */
   tableAsSent(): Table {
-    const [tracks, objects] = [[...this.tracks.tracks], [...this.tracks.objects]];
+    const [tracks, objects] = [followed(this.tracks.tracks), followed(this.tracks.objects)];
     const complete = this.phase.value === "done";
     const frames = complete ? this.sent.value : Math.max(0, ...tracks.map((track) => track.end));
     const { width = 0, height = 0, live = false, fps = 30 } = this.source.value ?? {};
@@ -404,6 +404,11 @@ export class Tracker implements Observer {
     return this.active.value && !this.stopping && this.phase.value !== "finishing";
   }
 
+  // What is placed on this frame is followed by the run that is on, or is the first one to come.
+  private takes(frame: number): boolean {
+    return this.phase.value === "ready" || (this.takesMore && frame >= this.sent.value - 1);
+  }
+
   private hasRoom(points: number, objects: number): boolean {
     const { maxPoints = Infinity, maxObjects = Infinity } = this.accepted.value?.limits ?? {};
     const full = this.points.most + points > maxPoints ? `${maxPoints} points`
@@ -423,6 +428,7 @@ export class Tracker implements Observer {
     for (const object of this.points.objects) {
       if (object.frame < this.sent.value) continue;
       object.frame = object.shown;
+      this.tracks.getObject(object.id)!.waits = true;
       this.stale.value = true;
     }
   }
@@ -478,3 +484,5 @@ export class Tracker implements Observer {
     });
   }
 }
+
+const followed = <T extends { waits: boolean }>(all: Iterable<T>): T[] => [...all].filter(({ waits }) => !waits);

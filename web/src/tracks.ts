@@ -17,6 +17,8 @@ const VISIBLE = 4;
 
 /** One point's life. Plain arrays of numbers, which grow by doubling: thousands of points are drawn from them. */
 export class Track {
+  /** It is there to be seen, and is followed when the run begins anew: what came of this run says nothing of it. */
+  waits = false;
   /** What is before this frame belongs to an earlier beginning of the point, and changes no more. */
   seedFrame: number;
   /** Frames from the first estimate to the newest. */
@@ -206,8 +208,9 @@ export class TrackStore {
 
   /** Estimates of frames 0 .. this - 1 are final, of so many frames in all. */
   finalFrames(frames: number): number {
-    for (const track of this.byId.values()) frames = Math.min(frames, track.finalEnd);
-    for (const object of this.objectsById.values()) frames = Math.min(frames, object.finalEnd);
+    for (const { waits, finalEnd } of [...this.tracks, ...this.objects]) {
+      if (!waits) frames = Math.min(frames, finalEnd);
+    }
     return frames;
   }
 

@@ -160,6 +160,54 @@ test("a correction on an earlier frame leaves the estimates of this run alone", 
   expect(tracker.points.get(id!)!.placed.map(({ frame }) => frame)).toEqual([0, 2]);
 });
 
+/** A run of three frames with a point, all of it final. */
+async function finished(): Promise<{ tracker: Tracker; world: FakeWorld; id: number }> {
+  const { tracker, world } = await loaded(new FakeSource(3));
+  const [id] = tracker.add([{ x: 1, y: 1 }]);
+  tracker.start();
+  await accept(world);
+  world.socket.say(tracks(3, [run(1, 0, 3, 3)]));
+  world.socket.say(response({ case: "summary", value: {} }));
+  return { tracker, world, id: id! };
+}
+
+test("a correction on the last frame of a run that is over leaves its result alone", async () => {
+  const { tracker, world, id } = await finished();
+  tracker.show(2);
+  tracker.place(id, { x: 50, y: 60 });
+  expect(tracker.tracks.get(id)!.at(2)).toMatchObject({ x: 2, y: 4, final: true });
+  expect(tracker.table()).toMatchObject({ complete: true, finalFrames: 3 });
+  expect(tracker.stale.value).toBe(true);
+  tracker.start();
+  await accept(world);
+  const last = request(world.socket.sent[3]!);
+  expect(last.case === "frame" && last.value.points).toMatchObject([{ id: 1n, x: 50, y: 60 }]);
+});
+
+test("what is placed after a run is for the next one, and is no part of this one's result", async () => {
+  const { tracker, world, id } = await finished();
+  tracker.show(1);
+  const [later] = tracker.add([{ x: 5, y: 6 }]);
+  const object = tracker.addObject(STROKE, 3)!;
+  expect([tracker.tracks.get(later!), tracker.tracks.getObject(object)]).toMatchObject([{ start: 1 }, { start: 1 }]); // to be seen
+  expect([tracker.final.value, tracker.stale.value]).toEqual([3, true]);
+  expect(tracker.table()).toMatchObject({ tracks: [{ id }], objects: [], complete: true, finalFrames: 3 });
+  tracker.start();
+  await accept(world);
+  expect(tracker.table()).toMatchObject({ tracks: [{ id }, { id: later }], objects: [{ id: object }] });
+});
+
+test("what is placed on a frame behind the run is no part of its result either", async () => {
+  const { tracker, world } = await loaded(new FakeSource(3));
+  tracker.start();
+  await accept(world);
+  tracker.show(1);
+  tracker.add([{ x: 5, y: 6 }]);
+  world.socket.say(tracks(3));
+  world.socket.say(response({ case: "summary", value: {} }));
+  expect([tracker.final.value, tracker.table().tracks]).toEqual([3, []]);
+});
+
 const STROKE = { path: [{ x: 50, y: 50 }], radius: 20, mask: new Uint8Array([1]) };
 
 /** The objects that a message has. */
@@ -239,6 +287,7 @@ test("an object for which no frame came begins on the last one when the run begi
   await settled();
   world.socket.say(response({ case: "summary", value: {} }));
   expect(tracker.stale.value).toBe(true);
+  expect(tracker.table().objects).toEqual([]);
   tracker.start();
   await accept(world);
   expect(objectsOf(world.socket.sent[11]!)).toEqual([1]);
