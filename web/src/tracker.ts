@@ -156,7 +156,7 @@ export class Tracker implements Observer {
   stop(): void {
     if (this.phase.value !== "running" && this.phase.value !== "paused") return;
     this.stopping = true;
-    if (this.source.value?.live) this.source.value.close();
+    this.endLive();
     this.phase.value = "finishing";
     this.wake();
   }
@@ -442,8 +442,14 @@ export class Tracker implements Observer {
 
   private fail(error: unknown): void {
     if (this.source.value) this.phase.value = "failed";
+    this.endLive();
     this.say(error instanceof Error ? error.message : String(error), true);
     this.wake();
+  }
+
+  // A camera is on no longer than its frames are wanted.
+  private endLive(): void {
+    if (this.source.value?.live) this.source.value.close();
   }
 
   private touch(): void {

@@ -319,6 +319,15 @@ test("a camera starts at once, and stopping it makes everything final", async ()
   expect(world.socket.names.at(-1)).toBe("finish");
 });
 
+test("a camera is off once the server has ended the run", async () => {
+  const source = new FakeSource(1000, true);
+  const { tracker, world } = await loaded(source);
+  await accept(world);
+  world.socket.say(response({ case: "error", value: { code: 8, message: "too many sessions", details: [] } }));
+  await settled();
+  expect([tracker.phase.value, source.closed]).toEqual(["failed", true]);
+});
+
 /** Of a source, how many frames leave while as many bytes as a frame has wait for the network, and once none do. */
 async function leaving(live: boolean): Promise<[number, number]> {
   const { tracker, world } = await loaded(new FakeSource(1000, live));
@@ -349,6 +358,7 @@ test("a source that breaks ends the run, and leaves what was tracked", async () 
   await settled();
   expect([tracker.phase.value, tracker.notice.value]).toEqual(["failed", { text: "The camera was turned.", bad: true }]);
   expect(tracker.table()).toMatchObject({ frames: 12, complete: false, finalFrames: 4 });
+  expect(source.closed).toBe(true);
 });
 
 test("a file keeps the pace at which it was recorded", async () => {
