@@ -148,6 +148,7 @@ export class Tracker implements Observer {
   goOn(): void {
     if (this.phase.value !== "paused") return;
     this.phase.value = "running";
+    this.source.value?.skip?.();
     this.follow();
     this.wake();
   }
@@ -178,6 +179,7 @@ export class Tracker implements Observer {
 
   /** While something is drawn no frame is sent, and none is played, so that it is of the one that is shown. */
   hold(held: boolean): void {
+    if (this.held && !held) this.source.value?.skip?.();
     this.held = held;
     held ? this.playback.stop() : this.wake();
   }

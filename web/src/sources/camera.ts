@@ -30,7 +30,7 @@ class Camera implements Source {
   dropped = 0;
   private readonly encoder: JpegEncoder;
   private begin: number | null = null;
-  private shown = 0; // frames that the video has shown
+  private shown = 0; // frames that the video had shown with the one given last; 0: none of them is missed
   private ended = false;
   private wake: (() => void) | null = null;
 
@@ -54,6 +54,10 @@ class Camera implements Source {
     this.shown = frame.presentedFrames;
     this.begin ??= frame.mediaTime;
     return { jpeg: await this.encoder.encode(this.video), seconds: frame.mediaTime - this.begin };
+  }
+
+  skip(): void {
+    this.shown = 0;
   }
 
   close(): void {

@@ -26,6 +26,8 @@ export interface Source {
   readonly dropped: number;
   /** Null: it has ended. */
   next(): Promise<Picture | null>;
+  /** Frames of a live source that came until now were not wanted: none of them counts as dropped. */
+  skip?(): void;
   close(): void;
 }
 

@@ -6,7 +6,7 @@ import { openCamera } from "../../src/sources/camera";
 class FakeVideo {
   videoWidth = 1280;
   videoHeight = 720;
-  private presentedFrames = 0;
+  presentedFrames = 0;
 
   async play(): Promise<void> {}
   requestVideoFrameCallback(call: (now: number, frame: object) => void): void {
@@ -36,4 +36,17 @@ test("a camera that is turned ends the run, and says so", async () => {
   await expect(source.next()).rejects.toThrow("The camera was turned: its frames were 1280×720, and are 720×1280 now.");
   Object.assign(video, { videoWidth: 1280, videoHeight: 720 });
   expect([...(await source.next())!.jpeg]).toEqual([1]);
+});
+
+test("frames that nobody asked for are dropped, but for those of a pause", async () => {
+  const source = await openCamera({ maxSide: 640, quality: 0.9 });
+  const dropped = async (more: number) => {
+    video.presentedFrames += more;
+    await source.next();
+    return source.dropped;
+  };
+  expect([await dropped(5), await dropped(0), await dropped(2)]).toEqual([0, 0, 2]);
+  video.presentedFrames += 90;
+  source.skip!();
+  expect([await dropped(0), await dropped(1)]).toEqual([2, 3]);
 });

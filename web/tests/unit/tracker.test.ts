@@ -19,6 +19,7 @@ class FakeSource implements Source {
   readonly dropped = 0;
   given = 0;
   closed = false;
+  skips = 0;
 
   constructor(
     private readonly count: number,
@@ -32,6 +33,9 @@ class FakeSource implements Source {
   async next(): Promise<Picture | null> {
     if (this.closed || this.given === this.count) return null;
     return { jpeg: new Uint8Array([this.given]), seconds: this.given++ / 10 };
+  }
+  skip(): void {
+    ++this.skips;
   }
   close(): void {
     this.closed = true;
@@ -326,6 +330,20 @@ test("a camera is off once the server has ended the run", async () => {
   world.socket.say(response({ case: "error", value: { code: 8, message: "too many sessions", details: [] } }));
   await settled();
   expect([tracker.phase.value, source.closed]).toEqual(["failed", true]);
+});
+
+test("what a camera has during a pause, or while something is drawn, is not missed", async () => {
+  const source = new FakeSource(1000, true);
+  const { tracker, world } = await loaded(source);
+  await accept(world);
+  tracker.hold(false); // as it was
+  expect(source.skips).toBe(0);
+  tracker.toggle();
+  tracker.toggle();
+  expect(source.skips).toBe(1);
+  tracker.hold(true);
+  tracker.hold(false);
+  expect(source.skips).toBe(2);
 });
 
 /** Of a source, how many frames leave while as many bytes as a frame has wait for the network, and once none do. */
