@@ -2,6 +2,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import type { World } from "./connection";
 import { subprotocols } from "./connection";
+import { Kept } from "./kept";
 import { ServerInfo } from "./server_info";
 import { settingsOfPage } from "./settings";
 import { openCamera } from "./sources/camera";
@@ -21,8 +22,11 @@ const CLIP = "clip.mp4";
 export type Tool = "point" | "brush" | "outline";
 export type Theme = "light" | "dark";
 
+const keptForTab = new Kept(() => sessionStorage);
+const keptForSite = new Kept(() => localStorage);
+
 export const settings = settingsOfPage();
-export const token = signal(sessionStorage.getItem("token") ?? "");
+export const token = signal(keptForTab.get("token") ?? "");
 export const tool = signal<Tool>("point");
 export const brush = signal({ radius: 24, count: 24 }); // pixels of the frame; points of an object, at most
 export const stroking = signal(false); // the brush is at work
@@ -34,20 +38,20 @@ export const theme = signal<Theme>(startingTheme());
 export const zoomReset = signal(0); // counts up to have the whole frame shown
 
 function startingTheme(): Theme {
-  const chosen = localStorage.getItem("theme");
+  const chosen = keptForSite.get("theme");
   if (chosen === "light" || chosen === "dark") return chosen;
   return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 }
 
 export function changeTheme(): void {
   theme.value = theme.value === "dark" ? "light" : "dark";
-  localStorage.setItem("theme", theme.value);
+  keptForSite.set("theme", theme.value);
 }
 
 effect(() => {
   document.documentElement.dataset.theme = theme.value;
 });
-effect(() => sessionStorage.setItem("token", token.value));
+effect(() => keptForTab.set("token", token.value));
 
 const world: World = {
   open: () => new WebSocket(new URL("v1/track", location.href.replace(/^http/, "ws")), subprotocols(token.value)),

@@ -215,6 +215,15 @@ test("a server that wants a token says so, and takes the one that the user gives
   }
 });
 
+test("where the browser keeps nothing of sites the page is there all the same", async () => {
+  const denied = 'get() { throw new DOMException("Access is denied for this document.", "SecurityError"); }';
+  const block = (name: string) => `Object.defineProperty(window, "${name}", { ${denied} });`;
+  visitor = await Visitor.at(browser, server.url, block("localStorage") + block("sessionStorage"));
+  await visitor.openClip();
+  await visitor.page.keyboard.press("d");
+  expect(await visitor.page.locator("html").getAttribute("data-theme")).toBe("dark");
+});
+
 test("it is usable by all, in both colours, and leaves the narrow screen's width alone", async () => {
   visitor = await Visitor.at(browser, server.url);
   const { page } = visitor;

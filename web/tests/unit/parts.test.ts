@@ -3,6 +3,7 @@ import { expect, test } from "vitest";
 import { grid } from "../../src/brush";
 import { confidenceColor } from "../../src/draw";
 import { Figures, quantile } from "../../src/figures";
+import { Kept } from "../../src/kept";
 import { areaOf, clickAt } from "../../src/polygon";
 import { DEFAULTS, formatSettings, parseSettings } from "../../src/settings";
 import { sentSize } from "../../src/sources/source";
@@ -74,4 +75,18 @@ test("confidence is told by colour from one end of the scale to the other", () =
   expect(confidenceColor(0)).toBe("rgb(197 42 84)");
   expect(confidenceColor(1)).toBe("rgb(120 222 196)");
   expect(confidenceColor(7)).toBe(confidenceColor(1));
+});
+
+test("what is kept is there again, and nothing is where the browser keeps nothing", () => {
+  const items = new Map<string, string>();
+  const storage = { getItem: (name: string) => items.get(name) ?? null, setItem: (name: string, value: string) => items.set(name, value) };
+  const kept = new Kept(() => storage as unknown as Storage);
+  kept.set("theme", "dark");
+  expect([kept.get("theme"), kept.get("token")]).toEqual(["dark", null]);
+
+  const blocked = new Kept(() => {
+    throw new DOMException("Access is denied for this document.", "SecurityError");
+  });
+  blocked.set("theme", "dark");
+  expect(blocked.get("theme")).toBeNull();
 });
