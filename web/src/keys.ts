@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+import { keyName } from "./key_name";
 import * as page from "./page";
 
 interface Key {
-  keys: string[]; // as KeyboardEvent.key says, with "Shift+" before
+  keys: string[]; // see keyName()
   shown?: string; // in the help; without it another key's line speaks of this one too
   does?: string;
   run: () => void;
@@ -30,7 +31,7 @@ export const KEYS: Key[] = [
   { keys: ["]"], run: () => page.resizeBrush(1.25) },
   { keys: ["g"], shown: "G", does: "add a grid of points", run: page.addGrid },
   { keys: ["n"], shown: "N", does: "select the next point or object; with Shift the one before", run: () => page.selectNext(1) },
-  { keys: ["Shift+N"], run: () => page.selectNext(-1) },
+  { keys: ["Shift+n"], run: () => page.selectNext(-1) },
   { keys: ["Delete", "Backspace"], shown: "Del", does: "remove the selected point or object; of an outline, the last corner", run: page.removeLast },
   { keys: ["Escape"], shown: "Esc", does: "give up an outline; select nothing", run: page.escape },
   { keys: ["c"], shown: "C", does: "colour by confidence, or by point", run: () => page.change({ confidence: !page.settings.value.confidence }) },
@@ -51,8 +52,8 @@ export function listenToKeys(): void {
       return;
     }
     if ((event.key === " " || event.key === "Enter") && target.closest("button, summary, a")) return;
-    const name = event.shiftKey && event.key.length > 1 ? `Shift+${event.key}` : event.key;
-    const key = KEYS.find(({ keys }) => keys.includes(name) || keys.includes(event.shiftKey ? `Shift+${name}` : name));
+    const name = keyName(event);
+    const key = KEYS.find(({ keys }) => keys.includes(name));
     if (!key) return;
     event.preventDefault();
     key.run();

@@ -3,6 +3,7 @@ import { expect, test } from "vitest";
 import { grid } from "../../src/brush";
 import { confidenceColor } from "../../src/draw";
 import { Figures, quantile } from "../../src/figures";
+import { keyName } from "../../src/key_name";
 import { Kept } from "../../src/kept";
 import { areaOf, clickAt } from "../../src/polygon";
 import { DEFAULTS, formatSettings, parseSettings } from "../../src/settings";
@@ -28,6 +29,15 @@ test("a click on the first corner or on the last one closes a polygon, once ther
 test("what a polygon encloses does not depend on the way round", () => {
   const corners = [{ x: 0, y: 0 }, { x: 10, y: 0 }, { x: 10, y: 6 }, { x: 0, y: 6 }];
   expect([areaOf(corners), areaOf([...corners].reverse()), areaOf(corners.slice(0, 2))]).toEqual([60, 60, 0]);
+});
+
+test("keys are called by their small letters, whatever Caps Lock and the layout say", () => {
+  const name = (key: string, code: string, shiftKey = false) => keyName({ key, code, shiftKey });
+  expect([name("s", "KeyS"), name("S", "KeyS"), name("\u044b", "KeyS"), name("\u042b", "KeyS")]).toEqual(["s", "s", "s", "s"]);
+  expect([name("N", "KeyN", true), name("n", "KeyN", true), name("\u0422", "KeyN", true)]).toEqual(["Shift+n", "Shift+n", "Shift+n"]);
+  expect([name("j", "KeyC"), name("o", "KeyS")]).toEqual(["j", "o"]); // a Latin layout of another order
+  expect([name("\u0445", "BracketLeft"), name("\u00e0", "Digit0"), name("[", "Digit8"), name("\u20ac", "KeyE")]).toEqual(["[", "0", "[", "e"]);
+  expect([name("?", "Slash", true), name(" ", "Space", true), name("ArrowLeft", "ArrowLeft", true)]).toEqual(["?", " ", "Shift+ArrowLeft"]);
 });
 
 test("quantiles are by nearest rank", () => {
