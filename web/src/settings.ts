@@ -83,12 +83,13 @@ export function sessionConfig(
   });
 }
 
-/** The page's settings, bound to its address. */
+/** The page's settings, bound to its address: also to one that a user puts there while the page is open. */
 export function settingsOfPage() {
   const settings = signal(parseSettings(location.hash));
   effect(() => {
     const fragment = formatSettings(settings.value);
     history.replaceState(null, "", fragment ? `#${fragment}` : location.pathname + location.search);
   });
+  addEventListener("hashchange", () => (settings.value = parseSettings(location.hash)));
   return settings;
 }

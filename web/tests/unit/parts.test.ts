@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-import { expect, test } from "vitest";
+import { expect, test, vi } from "vitest";
 import { grid } from "../../src/brush";
 import { confidenceColor } from "../../src/draw";
 import { Figures, quantile } from "../../src/figures";
 import { keyName } from "../../src/key_name";
 import { Kept } from "../../src/kept";
 import { areaOf, clickAt } from "../../src/polygon";
-import { DEFAULTS, formatSettings, parseSettings } from "../../src/settings";
+import { DEFAULTS, formatSettings, parseSettings, settingsOfPage } from "../../src/settings";
 import { sentSize } from "../../src/sources/source";
 
 test("a grid fills the frame as the command line's does", () => {
@@ -68,6 +68,21 @@ test("settings survive an address, and defaults are left out", () => {
   expect(formatSettings(settings)).toBe("size=256x192&hop=4&live=0&pace=fastest");
   expect(parseSettings(`#${formatSettings(settings)}`)).toEqual(settings);
   expect(formatSettings(DEFAULTS)).toBe("");
+});
+
+test("an address that is put in while the page is open changes the settings as one at its beginning does", () => {
+  const location = { hash: "#hop=4", pathname: "/", search: "" };
+  let changed = () => {};
+  vi.stubGlobal("location", location);
+  vi.stubGlobal("history", { replaceState: (_state: unknown, _title: string, address: string) => (location.hash = address) });
+  vi.stubGlobal("addEventListener", (_type: "hashchange", call: () => void) => (changed = call));
+  const settings = settingsOfPage();
+  expect(settings.value).toEqual({ ...DEFAULTS, hop: 4 });
+  location.hash = "#live=0&unknown=1";
+  changed();
+  expect(settings.value).toEqual({ ...DEFAULTS, live: false });
+  expect(location.hash).toBe("#live=0");
+  vi.unstubAllGlobals();
 });
 
 test("an address that makes no sense changes nothing", () => {
