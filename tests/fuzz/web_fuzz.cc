@@ -2,12 +2,13 @@
 // What the web port makes of a request's headers. Pieces: path, range, ETag, host, origin, subprotocols.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <array>
-#include <cctype>
 #include <string>
 #include <vector>
 
+#include "absl/strings/match.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
 #include "server/web/host_check.h"
 #include "server/web/http_answer.h"
 #include "server/web/subprotocols.h"
@@ -25,10 +26,11 @@ bool IsPieceOfAFile(const HttpAnswer& answer) {
   return answer.code != 206 || (!answer.body().empty() && Files()[0].bytes.find(answer.body()) != std::string::npos);
 }
 
-// A page of another site is let in only where it is listed.
-bool IsTurnedAway(const std::string& host, const std::string& origin) {
-  const bool own = std::equal(origin.rbegin(), origin.rbegin() + std::min(origin.size(), host.size()), host.rbegin(),
-                              host.rend(), [](char a, char b) { return std::tolower(a) == std::tolower(b); });
+// A page of another site is let in only where it is listed. 'host' may have the port that its scheme has anyhow.
+bool IsTurnedAway(absl::string_view host, absl::string_view origin) {
+  absl::string_view name = host;
+  if (!absl::ConsumeSuffix(&name, ":443")) absl::ConsumeSuffix(&name, ":80");
+  const bool own = absl::EndsWithIgnoreCase(origin, host) || absl::EndsWithIgnoreCase(origin, name);
   return origin.empty() || own || !CheckHost({}, host, origin).ok();
 }
 

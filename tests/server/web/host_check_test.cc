@@ -55,5 +55,26 @@ TEST(HostCheckTest, ListedOriginsAreLetIn) {
               StatusIs(absl::StatusCode::kPermissionDenied));
 }
 
+// Proxies differ in whether they pass a port on that is the scheme's own, or any.
+TEST(HostCheckTest, AHostMayHaveThePortOfItsScheme) {
+  HostRules rules;
+  rules.loopback = false;
+  EXPECT_THAT(CheckHost(rules, "box.lan:443", "https://box.lan"), IsOk());
+  EXPECT_THAT(CheckHost(rules, "box.lan:80", "http://box.lan"), IsOk());
+  EXPECT_THAT(CheckHost(rules, "box.lan:443", "http://box.lan"), StatusIs(absl::StatusCode::kPermissionDenied));
+  EXPECT_THAT(CheckHost(rules, ":443", "https://"), StatusIs(absl::StatusCode::kPermissionDenied));
+}
+
+TEST(HostCheckTest, AListedOriginOfAnotherPortIsNamedWithAndWithoutIt) {
+  HostRules rules;
+  rules.origins = {"https://tracks.example:8443", "https://[2001:db8::1]:8443"};
+  for (const std::string host : {"tracks.example:8443", "Tracks.example", "[2001:db8::1]:8443", "[2001:db8::1]"}) {
+    EXPECT_THAT(CheckHost(rules, host, ""), IsOk()) << host;
+    EXPECT_THAT(CheckHost(rules, host, rules.origins[0]), IsOk()) << host;
+  }
+  EXPECT_THAT(CheckHost(rules, "evil.example:8443", ""), StatusIs(absl::StatusCode::kPermissionDenied));
+  EXPECT_THAT(CheckHost(rules, "", ""), StatusIs(absl::StatusCode::kPermissionDenied));
+}
+
 }  // namespace
 }  // namespace holdfast
