@@ -11,6 +11,7 @@
 #include "absl/strings/string_view.h"
 #include "api/address.h"
 #include "api/types.h"
+#include "server/web/host_check.h"
 
 namespace holdfast {
 namespace {
@@ -19,6 +20,12 @@ constexpr absl::Duration kMostGrace = absl::Hours(24 * 365);  // clients are tol
 
 absl::Status NoAddress(absl::string_view name, absl::string_view value) {
   return absl::InvalidArgumentError(absl::StrCat(name, " is '", value, "', expected host:port"));
+}
+
+absl::Status NoOrigin(absl::string_view value) {
+  return absl::InvalidArgumentError(absl::StrCat(
+      "web_origins has '", value, "', expected an origin as browsers name it: https://tracks.example, or with a port ",
+      "that is not the scheme's own, https://tracks.example:8443; in small letters, and without a path"));
 }
 
 bool IsLogLevel(const std::string& level) {
@@ -49,6 +56,9 @@ absl::Status ServerOptions::Validate() const {
   if (!SplitHostPort(listen) || absl::StartsWith(listen, "unix:")) return NoAddress("listen", listen);
   if (!SplitHostPort(metrics_listen)) return NoAddress("metrics_listen", metrics_listen);
   if (!web_listen.empty() && !SplitHostPort(web_listen)) return NoAddress("web_listen", web_listen);
+  for (const std::string& origin : web_origins) {
+    if (!IsOrigin(origin)) return NoOrigin(origin);
+  }
   if (engine.limits.max_points > kMaxPointsInMessage) {
     return absl::InvalidArgumentError(absl::StrCat("max_points is ", engine.limits.max_points, ", expected at most ",
                                                    kMaxPointsInMessage, ", the most of one message"));

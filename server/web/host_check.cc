@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
@@ -32,9 +33,35 @@ absl::string_view NameOfOrigin(absl::string_view origin) {
   return NameOf(parts.second);
 }
 
+bool HasOnly(absl::string_view text, absl::string_view letters) {
+  return !text.empty() && text.find_first_not_of(letters) == absl::string_view::npos;
+}
+
+bool IsName(absl::string_view name) {
+  if (absl::ConsumePrefix(&name, "[")) return absl::ConsumeSuffix(&name, "]") && HasOnly(name, "0123456789abcdef:.");
+  return HasOnly(name, "abcdefghijklmnopqrstuvwxyz0123456789-._");
+}
+
+// Of a host: none, or ":PORT".
+bool IsPort(absl::string_view port, absl::string_view scheme) {
+  if (port.empty()) return true;
+  int number = 0;
+  const bool usual = (scheme == "http" && port == ":80") || (scheme == "https" && port == ":443");
+  return !usual && absl::SimpleAtoi(port.substr(1), &number) && number > 0 && number <= 65535 &&
+         absl::StrCat(":", number) == port;
+}
+
 bool IsOwnMachine(absl::string_view host) { return IsLoopback(absl::StrCat(host, ":")); }
 
 }  // namespace
+
+bool IsOrigin(absl::string_view origin) {
+  const std::pair<absl::string_view, absl::string_view> parts = absl::StrSplit(origin, absl::MaxSplits("://", 1));
+  const auto& [scheme, host] = parts;
+  const absl::string_view name = NameOf(host);
+  return HasOnly(scheme, "abcdefghijklmnopqrstuvwxyz0123456789+-.") && IsName(name) &&
+         IsPort(host.substr(name.size()), scheme);
+}
 
 absl::Status CheckHost(const HostRules& rules, absl::string_view host, absl::string_view origin) {
   // By its name alone: a site that has its name point here has another one, and not every proxy tells the port.

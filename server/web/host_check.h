@@ -15,6 +15,10 @@ struct HostRules {
   std::vector<std::string> origins;  // of pages beside the server's own, as browsers name them: https://tracks.example
 };
 
+// Whether it is an origin as browsers name it, which is how origins are compared: scheme://host or scheme://host:port,
+// in small letters, without a path, and without the port that http or https has anyhow.
+bool IsOrigin(absl::string_view origin);
+
 // 'host' and 'origin' are the headers of a request; an 'origin' that is empty: no page of another site asks. OK: the
 // server's own page, one of a listed origin, or no browser. PERMISSION_DENIED: another site's page; or, where the
 // server listens to this machine alone, a name that is not this machine's, as a site may have its own name point here.

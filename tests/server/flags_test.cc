@@ -16,6 +16,7 @@ namespace holdfast {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 using Variables = std::map<std::string, std::string>;
@@ -102,6 +103,12 @@ TEST_F(FlagsTest, VariablesThatNameNoFlagAreLeftAlone) {
   EXPECT_THAT(OptionsWith({{"HOLDFAST_PORT", "tcp://10.0.0.1:50051"}, {"HOLDFAST_SERVICE_HOST", "10.0.0.1"}}), IsOk());
 }
 
+TEST_F(FlagsTest, OriginsAreAList) {
+  const auto options = OptionsWith({{"HOLDFAST_WEB_ORIGINS", "https://tracks.example,http://box.lan:8080"}});
+  ASSERT_THAT(options, IsOk());
+  EXPECT_THAT(options->web_origins, ElementsAre("https://tracks.example", "http://box.lan:8080"));
+}
+
 TEST_F(FlagsTest, ABadVariableIsNamedWithItsValue) {
   EXPECT_THAT(
       OptionsWith({{"HOLDFAST_MAX_SESSIONS", "many"}}),
@@ -128,6 +135,7 @@ TEST_F(FlagsTest, ValuesThatCannotBeAreRefusedByName) {
       {"grace_period", "inf"},
       {"metrics_listen", "9464"},
       {"web_listen", "nonsense"},
+      {"web_origins", "https://tracks.example,https://tracks.example/"},
       {"max_sessions", "0"},
       {"max_sessions", "2147483647"},
       {"max_pending_frames", "2147483647"},

@@ -76,5 +76,40 @@ TEST(HostCheckTest, AListedOriginOfAnotherPortIsNamedWithAndWithoutIt) {
   EXPECT_THAT(CheckHost(rules, "", ""), StatusIs(absl::StatusCode::kPermissionDenied));
 }
 
+TEST(HostCheckTest, OriginsAreTakenAsBrowsersNameThem) {
+  for (const char* origin :
+       {"https://tracks.example", "http://tracks.example", "https://tracks.example:8443", "http://box.lan:8080",
+        "https://tracks.example:80", "http://127.0.0.1:8080", "http://[2001:db8::1]", "http://[::1]:8080",
+        "https://xn--mnchen-3ya.example", "moz-extension://0a1b"}) {
+    EXPECT_TRUE(IsOrigin(origin)) << origin;
+  }
+  for (const char* origin : {"",
+                             "null",
+                             "*",
+                             "tracks.example",
+                             "https://",
+                             "://tracks.example",
+                             "https://tracks.example/",
+                             "https://tracks.example/page",
+                             "https://Tracks.Example",
+                             "HTTPS://tracks.example",
+                             "https://tracks.example:443",
+                             "http://tracks.example:80",
+                             "https://tracks.example:",
+                             "https://tracks.example:08443",
+                             "https://tracks.example:65536",
+                             "https://tracks.example:0",
+                             "https://tracks.example:port",
+                             "https://*.example",
+                             "https://a b",
+                             " https://tracks.example",
+                             "https://user@tracks.example",
+                             "https://::1",
+                             "https://[::1",
+                             "https://m\xc3\xbcnchen.example"}) {
+    EXPECT_FALSE(IsOrigin(origin)) << origin;
+  }
+}
+
 }  // namespace
 }  // namespace holdfast
