@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
@@ -27,9 +28,17 @@ std::string Head(const Answer& answer) {
                       "\r\nContent-Length: ", answer.body.size(), "\r\nConnection: close\r\n\r\n");
 }
 
+// For an address without a host civetweb has another form; both mean every address of IPv4.
+std::string WithHost(const std::string& address) {
+  return absl::StartsWith(address, ":") ? absl::StrCat("0.0.0.0", address) : address;
+}
+
 // A connection has a thread as long as it is open: one that says nothing must not keep a probe waiting.
 std::vector<std::string> CivetOptions(const std::string& address) {
-  return {"listening_ports", address, "num_threads", "16", "request_timeout_ms", "1000", "enable_keep_alive", "no"};
+  return {"listening_ports",    WithHost(address),
+          "num_threads",        "16",
+          "request_timeout_ms", "1000",
+          "enable_keep_alive",  "no"};
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ class HttpEndpoint {
     std::function<std::string()> metrics;  // in Prometheus' text format
     std::function<bool()> ready;
   };
-  // 'address' is host:port; port 0: a free one.
+  // 'address' is host:port; port 0: a free one. Without a host, ":9464", it is every address of IPv4.
   static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(const std::string& address, Handlers handlers);
   ~HttpEndpoint();
 
