@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -21,6 +22,9 @@ constexpr char kPolicy[] =
     "worker-src 'self' blob:; connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'";
 
+constexpr std::chrono::seconds kLeastTime(10);  // for any answer
+constexpr size_t kLeastBytesPerSecond = size_t{8} << 10;
+
 absl::string_view TypeOf(absl::string_view path) {
   constexpr std::pair<absl::string_view, absl::string_view> kTypes[] = {{".html", "text/html; charset=utf-8"},
                                                                         {".js", "text/javascript; charset=utf-8"},
@@ -36,6 +40,23 @@ absl::string_view TypeOf(absl::string_view path) {
     if (absl::EndsWith(path, ending)) return type;
   }
   return "application/octet-stream";
+}
+
+// Of the header Accept-Encoding: gzip is among the codings, and is not given the weight 0.
+bool TakesGzip(absl::string_view accept_encoding) {
+  for (const absl::string_view coding : absl::StrSplit(accept_encoding, ',')) {
+    const std::pair<absl::string_view, absl::string_view> parts = absl::StrSplit(coding, absl::MaxSplits(';', 1));
+    if (!absl::EqualsIgnoreCase(absl::StripAsciiWhitespace(parts.first), "gzip")) continue;
+    absl::string_view weight = absl::StripAsciiWhitespace(parts.second);
+    double q = 1;
+    return !absl::ConsumePrefix(&weight, "q=") || (absl::SimpleAtod(weight, &q) && q > 0);
+  }
+  return false;
+}
+
+// Caches have to tell what is compressed from what is not.
+std::string EtagOf(const PageFile& file, bool compressed) {
+  return compressed ? absl::StrCat(absl::StripSuffix(file.etag, "\""), "-gzip\"") : std::string(file.etag);
 }
 
 struct Range {
@@ -97,21 +118,29 @@ HttpAnswer AnswerWithFile(const HttpRequest& request, const std::vector<PageFile
   const absl::string_view path = request.path == "/" ? "/index.html" : request.path;
   const auto file = std::find_if(files.begin(), files.end(), [path](const PageFile& it) { return it.path == path; });
   if (file == files.end()) return TextAnswer(404, "not found\n");
+  const bool compressed = request.range.empty() && !file->gzip.empty() && TakesGzip(request.accept_encoding);
+  const std::string etag = EtagOf(*file, compressed);
   HttpAnswer answer;
   answer.headers = {{"Content-Type", std::string(TypeOf(path))},
-                    {"ETag", std::string(file->etag)},
+                    {"ETag", etag},
+                    {"Vary", "Accept-Encoding"},
                     {"Cache-Control", "no-cache"},
                     {"Content-Security-Policy", kPolicy},
                     {"Cross-Origin-Opener-Policy", "same-origin"},
                     {"Referrer-Policy", "no-referrer"},
                     {"X-Content-Type-Options", "nosniff"},
                     {"Accept-Ranges", "bytes"}};
-  if (request.if_none_match == file->etag) {
+  if (request.if_none_match == etag) {
     answer.code = 304;
     return answer;
   }
-  answer.file = file->bytes;
+  if (compressed) answer.headers.emplace_back("Content-Encoding", "gzip");
+  answer.file = compressed ? file->gzip : file->bytes;
   return request.range.empty() ? answer : WithRange(std::move(answer), request.range);
+}
+
+std::chrono::seconds TimeToTake(size_t bytes) {
+  return kLeastTime + std::chrono::seconds(bytes / kLeastBytesPerSecond);
 }
 
 }  // namespace holdfast

@@ -21,7 +21,7 @@ namespace beast = boost::beast;
 namespace http = beast::http;
 using beast::error_code;
 
-constexpr std::chrono::seconds kRequestTime(10);  // to come, and for its answer to be taken
+constexpr std::chrono::seconds kRequestTime(10);  // to come
 constexpr size_t kHeaderBytes = 16 << 10;
 constexpr char kTrackPath[] = "/v1/track";
 constexpr char kInfoPath[] = "/v1/info";
@@ -68,7 +68,7 @@ void HttpConnection::Take() {
   if (path == kTrackPath) return OpenSocket();
   if (path == kInfoPath) return Send(Info());
   Send(AnswerWithFile({View(request.method_string()), path, View(request[http::field::range]),
-                       View(request[http::field::if_none_match])},
+                       View(request[http::field::if_none_match]), View(request[http::field::accept_encoding])},
                       PageFiles()));
 }
 
@@ -102,7 +102,7 @@ void HttpConnection::Send(HttpAnswer answer) {
   response_->body() = beast::span<const char>(body.data(), body.size());
   response_->content_length(answer_.body().size());
   response_->keep_alive(request.keep_alive());
-  stream_.expires_after(kRequestTime);
+  stream_.expires_after(TimeToTake(body.size()));
   http::async_write(stream_, *response_, [self = shared_from_this()](error_code error, size_t) {
     if (error) return;
     if (self->response_->keep_alive()) return self->Read();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the web port makes of a request's headers. Pieces: path, range, ETag, host, origin, subprotocols.
+// What the web port makes of a request's headers. Pieces: path, range, ETag, host, origin, subprotocols, codings.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -18,7 +18,7 @@ namespace holdfast {
 namespace {
 
 const std::vector<PageFile>& Files() {
-  static const auto* const files = new std::vector<PageFile>{{"/index.html", "0123456789", "\"a\""}};
+  static const auto* const files = new std::vector<PageFile>{{"/index.html", "0123456789", "\"a\"", "0-9"}};
   return *files;
 }
 
@@ -39,10 +39,10 @@ bool IsTurnedAway(absl::string_view host, absl::string_view origin) {
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   holdfast::FuzzInput input(data, size);
-  std::array<std::string, 6> pieces;
+  std::array<std::string, 7> pieces;
   for (std::string& piece : pieces) piece = input.TakePiece().value_or("");
-  EXPECT_TRUE(
-      holdfast::IsPieceOfAFile(holdfast::AnswerWithFile({"GET", pieces[0], pieces[1], pieces[2]}, holdfast::Files())));
+  EXPECT_TRUE(holdfast::IsPieceOfAFile(
+      holdfast::AnswerWithFile({"GET", pieces[0], pieces[1], pieces[2], pieces[6]}, holdfast::Files())));
   EXPECT_TRUE(holdfast::IsTurnedAway(pieces[3], pieces[4]));
   bool offers = false;
   const std::string authorization = holdfast::AuthorizationOf(pieces[5], offers);

@@ -11,14 +11,16 @@
 namespace holdfast {
 namespace {
 
+using ::testing::_;
 using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::Pair;
 
 const std::vector<PageFile>& Files() {
   static const auto* const files = new std::vector<PageFile>{
-      {"/index.html", "<p>", "\"a\""}, {"/app.js", "0123456789", "\"b\""}, {"/clip.mp4", "", "\"c\""}};
+      {"/index.html", "<p>", "\"a\""}, {"/app.js", "0123456789", "\"b\"", "0-9"}, {"/clip.mp4", "", "\"c\""}};
   return *files;
 }
 
@@ -68,6 +70,31 @@ TEST(HttpAnswerTest, WhatABrowserHasIsNotSentAgain) {
   EXPECT_EQ(Get("/app.js", "", "\"b\"").code, 304);
   EXPECT_EQ(Get("/app.js", "", "\"b\"").body(), "");
   EXPECT_EQ(Get("/app.js", "", "\"a\"").code, 200);
+}
+
+TEST(HttpAnswerTest, AFileIsCompressedForWhoTakesThat) {
+  for (const std::string codings : {"gzip", "gzip, deflate, br", "br;q=1.0, GZIP ; q=0.5"}) {
+    const HttpAnswer answer = AnswerWithFile({"GET", "/app.js", "", "", codings}, Files());
+    EXPECT_EQ(answer.body(), "0-9") << codings;
+    EXPECT_THAT(answer.headers, Contains(Pair("Content-Encoding", "gzip")));
+    EXPECT_THAT(answer.headers, Contains(Pair("Vary", "Accept-Encoding")));
+    EXPECT_THAT(answer.headers, Contains(Pair("ETag", "\"b-gzip\"")));
+  }
+  for (const std::string codings : {"", "br", "gzip;q=0", "gzip; q=0.0", "gzip;q=", "x-gzip", "*"}) {
+    const HttpAnswer answer = AnswerWithFile({"GET", "/app.js", "", "", codings}, Files());
+    EXPECT_EQ(answer.body(), "0123456789") << codings;
+    EXPECT_THAT(answer.headers, Not(Contains(Pair("Content-Encoding", _))));
+    EXPECT_THAT(answer.headers, Contains(Pair("Vary", "Accept-Encoding")));
+  }
+  EXPECT_EQ(AnswerWithFile({"GET", "/", "", "", "gzip"}, Files()).body(), "<p>") << "there is nothing else";
+  EXPECT_EQ(AnswerWithFile({"GET", "/app.js", "", "\"b-gzip\"", "gzip"}, Files()).code, 304);
+  EXPECT_EQ(AnswerWithFile({"GET", "/app.js", "bytes=2-4", "", "gzip"}, Files()).body(), "234")
+      << "of the file as it is";
+}
+
+TEST(HttpAnswerTest, ALargeAnswerMayTakeLonger) {
+  EXPECT_EQ(TimeToTake(0), std::chrono::seconds(10));
+  EXPECT_EQ(TimeToTake(size_t{1} << 20), std::chrono::seconds(10 + 128));
 }
 
 TEST(HttpAnswerTest, RangesOfAFile) {

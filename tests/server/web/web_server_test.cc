@@ -71,6 +71,19 @@ TEST_F(WebServerTest, ServesFilesThatAreInTheProgram) {
   EXPECT_EQ(Fetch(port(), "/metrics").result_int(), 404U);
 }
 
+TEST_F(WebServerTest, ThePagesFilesAreCompressedForBrowsers) {
+  const HttpFields browser = {{"Accept-Encoding", "gzip, deflate, br"}};
+  for (const std::string path : {"/", "/app.js", "/app.css"}) {
+    const auto plain = Fetch(port(), path);
+    const auto compressed = Fetch(port(), path, browser);
+    EXPECT_EQ(compressed["content-encoding"], "gzip") << path;
+    EXPECT_EQ(compressed["content-type"], plain["content-type"]);
+    EXPECT_EQ(compressed.body().substr(0, 2), "\x1f\x8b");
+    EXPECT_LT(compressed.body().size(), plain.body().size()) << path;
+  }
+  EXPECT_EQ(Fetch(port(), "/clip.mp4", browser).count("content-encoding"), 0U);
+}
+
 TEST_F(WebServerTest, TellsWhatItRuns) {
   const auto answer = Fetch(port(), "/v1/info");
   EXPECT_EQ(answer.result_int(), 200U);
