@@ -193,7 +193,8 @@ test("what is placed after a run is for the next one, and is no part of this one
   tracker.show(1);
   const [later] = tracker.add([{ x: 5, y: 6 }]);
   const object = tracker.addObject(STROKE, 3)!;
-  expect([tracker.tracks.get(later!), tracker.tracks.getObject(object)]).toMatchObject([{ start: 1 }, { start: 1 }]); // to be seen
+  const seen = [tracker.tracks.get(later!), tracker.tracks.getObject(object)];
+  expect(seen).toMatchObject([{ start: 1 }, { start: 1 }]);
   expect([tracker.final.value, tracker.stale.value]).toEqual([3, true]);
   expect(tracker.table()).toMatchObject({ tracks: [{ id }], objects: [], complete: true, finalFrames: 3 });
   tracker.start();
