@@ -15,7 +15,7 @@ constexpr float kHeldConfidence = 0.99f;
 constexpr float kLostConfidence = 0.5f;
 // Pictures in which points are looked for in one step, at 3 ms for each of a million pixels or less: others want the
 // thread too.
-constexpr int64_t kSearchedPixels = 8'000'000;
+constexpr int64_t kSearchedPixels = 4'000'000;
 constexpr int64_t kLeastPixels = 1'000'000;
 
 float ConfidenceAfter(float before, const FlowStep& step) {
