@@ -87,6 +87,7 @@ class TrainerImpl : public Trainer {
   double progress_ = 0;  // share of the training done
   SteadyTime run_began_;
   absl::Duration elapsed_before_;  // in earlier runs
+  int64_t saved_step_ = -1;        // of the checkpoint written or resumed from last; below 0: none
   int64_t skipped_in_row_ = 0;
   bool stop_ = false;
 };
@@ -110,6 +111,7 @@ absl::Status TrainerImpl::Resume() {
   if (status.ok()) status = average_.Restore(checkpoint.state.average, checkpoint.state.average_updates);
   if (!status.ok()) return absl::DataLossError(absl::StrCat(checkpoint.path, ": ", status.message()));
   state_ = std::move(checkpoint.state);
+  saved_step_ = state_.step;
   progress_ = ProgressAt(state_.step, state_.elapsed);
   gradients_.Refresh();
   if (leads()) {
@@ -263,7 +265,7 @@ absl::Status TrainerImpl::SaveAverage(const std::string& name) {
 }
 
 absl::Status TrainerImpl::Checkpoint() {
-  if (!leads()) return absl::OkStatus();
+  if (!leads() || saved_step_ == state_.step) return absl::OkStatus();
   absl::StatusOr<std::string> optimizer = SaveOptimizer(optimizer_);
   if (!optimizer.ok()) return optimizer.status();
   TrainingState state = state_;
@@ -271,7 +273,9 @@ absl::Status TrainerImpl::Checkpoint() {
   state.optimizer = *std::move(optimizer);
   state.average = average_.tensors();
   state.average_updates = average_.updates();
-  return SaveTrainingCheckpoint(options_.directory, *parts_.model, state, parts_.clock->WallNow());
+  const absl::Status status = SaveTrainingCheckpoint(options_.directory, *parts_.model, state, parts_.clock->WallNow());
+  if (status.ok()) saved_step_ = state_.step;
+  return status;
 }
 
 }  // namespace

@@ -141,6 +141,8 @@ absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointMod
   std::error_code error;
   std::filesystem::create_directories(directory, error);
   if (error) return absl::PermissionDeniedError(absl::StrCat("cannot make ", directory, ": ", error.message()));
+  // The two files cannot change at one moment.
+  if (StepsIn(directory).count(state.step) > 0 && ReadPair(directory, state.step).ok()) return absl::OkStatus();
   const std::string id = absl::StrCat(state.step, "-", absl::ToUnixNanos(now));
   absl::Status status = SaveModel(WeightsPath(directory, state.step), model, torch::kFloat32, {{kPairKey, id}});
   if (status.ok()) status = WriteSafetensors(StatePath(directory, state.step), ToFile(state, id));

@@ -39,9 +39,10 @@ struct TrainingCheckpoint {
   std::string skipped;  // why newer files were passed over; empty: there were none
 };
 
-// Writes the pair of state.step and removes the files of all other steps but the newest complete pair before it. On an
-// error the directory still holds the complete pairs it held. 'now', of the wall clock, tells this pair's files from
-// those of others of the same step.
+// Writes the pair of state.step and removes the files of all other steps but the newest complete pair before it. A
+// complete pair of this step stays as it is: a step's state follows from the seed and the recipe. On an error the
+// directory still holds the complete pairs it held. 'now', of the wall clock, tells this pair's files from those of
+// others of the same step.
 absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointModelImpl& model,
                                     const TrainingState& state, absl::Time now);
 

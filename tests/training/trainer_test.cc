@@ -7,8 +7,10 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 
 #include "model/checkpoint/checkpoint.h"
+#include "model/checkpoint/safetensors.h"
 #include "model/presets.h"
 #include "tests/support/simulated_clock.h"
 #include "tests/support/status_matchers.h"
@@ -83,6 +85,12 @@ TrainingDataOptions TestData() {
   TrainingDataOptions data;
   data.frames = 6;
   return data;
+}
+
+// Of a file of tensors; empty where it cannot be read.
+std::map<std::string, std::string> Metadata(const std::string& path) {
+  const absl::StatusOr<TensorFile> file = ReadSafetensors(path);
+  return file.ok() ? file->metadata : std::map<std::string, std::string>();
 }
 
 class TrainerTest : public ::testing::Test {
@@ -202,10 +210,14 @@ TEST_F(TrainerTest, AFinishedTrainingHasNothingLeftToDo) {
   const TempDir dir;
   Recorder first, again;
   ASSERT_THAT(Train(dir, first), IsOk());
+  const std::string state = dir.File("checkpoint-00000008.state.safetensors");
+  const auto written = Metadata(state);
+  clock_.Advance(absl::Seconds(2));
   const auto summary = Train(dir, again);
   ASSERT_THAT(summary, IsOk());
   EXPECT_EQ(summary->step, options_.recipe.steps);
   EXPECT_TRUE(again.steps.empty());
+  EXPECT_EQ(Metadata(state), written) << "the pair is not written again";
 }
 
 TEST_F(TrainerTest, RefusesToGoOnWithAnotherRecipeSeedOrNetwork) {

@@ -38,6 +38,19 @@ TrainingState StateAt(int64_t step) {
   return state;
 }
 
+// As SaveTrainingCheckpoint where no file may have more bytes than 'bytes'.
+absl::Status SaveWithin(rlim_t bytes, const TempDir& dir, const TrainingState& state, absl::Time now) {
+  rlimit before;
+  if (getrlimit(RLIMIT_FSIZE, &before) != 0) return absl::InternalError("getrlimit");
+  const auto handler = signal(SIGXFSZ, SIG_IGN);
+  const rlimit within = {bytes, before.rlim_max};
+  absl::Status status = absl::InternalError("setrlimit");
+  if (setrlimit(RLIMIT_FSIZE, &within) == 0) status = SaveTrainingCheckpoint(dir.path(), *Network(), state, now);
+  setrlimit(RLIMIT_FSIZE, &before);
+  signal(SIGXFSZ, handler);
+  return status;
+}
+
 std::string Weights(int64_t step) { return "checkpoint-0000000" + std::to_string(step) + ".safetensors"; }
 std::string State(int64_t step) { return "checkpoint-0000000" + std::to_string(step) + ".state.safetensors"; }
 
@@ -134,19 +147,34 @@ TEST(TrainingCheckpointTest, DamagedFilesAreAnErrorAndNoFreshStart) {
 TEST(TrainingCheckpointTest, AFullDiskLeavesTheLastCheckpointWhole) {
   const TempDir dir;
   ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(1), kTime), IsOk());
-  rlimit before;
-  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
-  const auto handler = signal(SIGXFSZ, SIG_IGN);
-  const rlimit tiny = {4096, before.rlim_max};
-  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &tiny), 0);
-  const absl::Status status = SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(2), kTime);
-  setrlimit(RLIMIT_FSIZE, &before);
-  signal(SIGXFSZ, handler);
-  EXPECT_FALSE(status.ok());
+  EXPECT_FALSE(SaveWithin(4096, dir, StateAt(2), kTime).ok());
   EXPECT_EQ(dir.Count(), 2u) << "the half-written file is gone";
   const auto found = FindTrainingCheckpoint(dir.path());
   ASSERT_THAT(found, IsOk());
   EXPECT_EQ((*found)->state.step, 1);
+}
+
+TEST(TrainingCheckpointTest, SavingAStepAgainKeepsItsPairThoughTheDiskIsFull) {
+  const TempDir dir;
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(4), kTime), IsOk());
+  const auto weights = static_cast<rlim_t>(std::filesystem::file_size(dir.File(Weights(4))));
+  TrainingState large = StateAt(4);
+  large.optimizer.assign(2 * weights, 'x');
+  SaveWithin(weights, dir, large, kTime + absl::Seconds(1)).IgnoreError();  // there is room for the weights alone
+  const auto found = FindTrainingCheckpoint(dir.path());
+  ASSERT_THAT(found, IsOk());
+  EXPECT_EQ((*found)->state.step, 4);
+  EXPECT_EQ((*found)->state.optimizer, StateAt(4).optimizer);
+}
+
+TEST(TrainingCheckpointTest, SavingAStepAgainReplacesAPairThatIsDamaged) {
+  const TempDir dir;
+  for (const int64_t step : {3, 4}) {
+    ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(step), kTime), IsOk());
+  }
+  std::filesystem::resize_file(dir.File(State(4)), 100);
+  ASSERT_THAT(SaveTrainingCheckpoint(dir.path(), *Network(), StateAt(4), kTime + absl::Seconds(1)), IsOk());
+  EXPECT_EQ((*FindTrainingCheckpoint(dir.path()))->state.step, 4);
 }
 
 }  // namespace
