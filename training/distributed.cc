@@ -57,7 +57,8 @@ class C10dGroup : public ProcessGroup {
   template <typename Start>
   absl::Status Exchange(Start start, torch::Tensor& tensor) {
     try {
-      std::vector<at::Tensor> tensors = {through_host_ ? tensor.cpu() : tensor};
+      // The collectives take numbers as they lie in memory; NCCL refuses what does not lie in a row.
+      std::vector<at::Tensor> tensors = {(through_host_ ? tensor.cpu() : tensor).contiguous()};
       start(tensors)->wait();
       if (!tensors[0].is_same(tensor)) tensor.copy_(tensors[0]);
       return absl::OkStatus();
@@ -100,10 +101,13 @@ c10::intrusive_ptr<Collectives> OpenGloo(const GroupOptions& options) {
 std::unique_ptr<ProcessGroup> OpenGroup(const GroupOptions& options, torch::DeviceType device) {
 #ifdef USE_C10D_NCCL
   if (device == torch::kCUDA) {
-    auto store = OpenStore(options, absl::ToChronoMilliseconds(options.timeout));
-    return std::make_unique<C10dGroup>(options, false,
-                                       c10::make_intrusive<c10d::ProcessGroupNCCL>(
-                                           store, static_cast<int>(options.rank), static_cast<int>(options.world)));
+    const std::chrono::milliseconds timeout = absl::ToChronoMilliseconds(options.timeout);
+    auto nccl = c10d::ProcessGroupNCCL::Options::create();
+    nccl->timeout = timeout;
+    return std::make_unique<C10dGroup>(
+        options, false,
+        c10::make_intrusive<c10d::ProcessGroupNCCL>(OpenStore(options, timeout), static_cast<int>(options.rank),
+                                                    static_cast<int>(options.world), nccl));
   }
 #endif
   return std::make_unique<C10dGroup>(options, device != torch::kCPU, OpenGloo(options));

@@ -133,6 +133,23 @@ TEST(ProcessGroupTest, TwoProcessesSumAndTakeOver) {
   });
 }
 
+// The collectives take the numbers as they lie in memory, and NCCL none that do not lie in a row.
+TEST(ProcessGroupTest, ExchangesNumbersByTheirIndicesHoweverTheyLieInMemory) {
+  AsTwoRanks([](ProcessGroup& group) {
+    const torch::Tensor numbers = torch::arange(6, torch::kFloat32).view({2, 3});
+    const torch::Tensor columns = numbers.t().contiguous().t();  // the same, column by column
+    torch::Tensor first = group.rank() == 0 ? columns.clone() : torch::zeros({2, 3});
+    ASSERT_THAT(group.Broadcast(first), IsOk());
+    EXPECT_TRUE(torch::equal(first, numbers));
+    torch::Tensor taken = group.rank() == 0 ? numbers.clone() : torch::zeros_like(columns);
+    ASSERT_THAT(group.Broadcast(taken), IsOk());
+    EXPECT_TRUE(torch::equal(taken, numbers));
+    torch::Tensor sum = group.rank() == 0 ? columns.clone() : numbers.clone();
+    ASSERT_THAT(group.Sum(sum), IsOk());
+    EXPECT_TRUE(torch::equal(sum, 2 * numbers));
+  });
+}
+
 TEST(ProcessGroupTest, JoinsAtTheStoreOfAnAgentTimeAndAgain) {
   c10d::TCPStoreOptions store;
   store.port = 0;
