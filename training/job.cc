@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <opencv2/core/utility.hpp>
 #include <optional>
 #include <utility>
 
@@ -122,6 +123,7 @@ absl::StatusOr<StopReason> RunTraining(const TrainRequest& request, const GroupO
                                        const std::atomic<bool>& stop) {
   const SystemClock clock;
   torch::set_num_threads(ThreadCount(request.threads));
+  cv::setNumThreads(1);  // clips are made in parallel, not their pixels: OpenCV's pool would take the network's cores
   auto group = ProcessGroup::Join(options, request.trainer.device.type());
   if (!group.ok()) return group.status();
   const bool leads = (*group)->rank() == 0;

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <iostream>
 #include <memory>
+#include <opencv2/core/utility.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -100,6 +101,7 @@ absl::Status Run() {
   const absl::StatusOr<EvaluateRequest> request = RequestFromFlags();
   if (!request.ok()) return request.status();
   if (absl::Status writable = CheckOutputs(*request); !writable.ok()) return writable;
+  cv::setNumThreads(1);  // as in the server: OpenCV's own threads would take the network's cores
   absl::StatusOr<std::unique_ptr<EvaluationMethods>> methods = EvaluationMethods::Create(request->methods);
   if (!methods.ok()) return methods.status();
   const absl::StatusOr<std::vector<Report>> reports =
