@@ -38,7 +38,8 @@ ABSL_FLAG(std::optional<int64_t>, attention_blocks, std::nullopt,
 ABSL_FLAG(std::optional<bool>, visibility_head, std::nullopt,
           "Lets the network say whether a point is visible. Not given: as the preset says.");
 ABSL_FLAG(std::string, init, Defaults().init,
-          "Starts from the weights in this checkpoint, of this or a similar network. Empty: from random weights.");
+          "Starts from the weights in this checkpoint, of this or a similar network. Empty: from random weights. A "
+          "training that goes on does not read it.");
 
 // The recipe. What is not given stays as the preset says.
 #define RECIPE_FIELD(key, flag, member, limits, help) \

@@ -19,7 +19,7 @@ struct TrainRequest {
   TrainingDataOptions validation_data;
   int64_t validation_clips = 16;      // 0: no validation
   int64_t validation_iterations = 4;  // refinement iterations, whatever the recipe trains with: those of serving
-  std::string init;                   // checkpoint to start from; empty: random weights
+  std::string init;                   // checkpoint to start from, not to go on; empty: random weights
   std::string metrics_address;        // host:port; empty: none
   int64_t log_every = 20;             // steps between lines where there is no terminal
   int workers = 1;                    // threads that make clips: more where steps wait for data

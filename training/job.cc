@@ -23,6 +23,7 @@
 #include "training/report/console.h"
 #include "training/report/log_files.h"
 #include "training/report/metrics_port.h"
+#include "training/training_checkpoint.h"
 #include "training/warm_start.h"
 
 namespace holdfast {
@@ -78,10 +79,11 @@ absl::Status StartFrom(const TrainRequest& request, PointModelImpl& model, Train
   return absl::OkStatus();
 }
 
+// A training that goes on from a checkpoint needs no weights to start from.
 absl::StatusOr<PointModel> MakeNetwork(const TrainRequest& request, TrainingObserver& observer) {
   torch::manual_seed(request.trainer.seed);
   PointModel model(request.network);
-  if (!request.init.empty()) {
+  if (!request.init.empty() && !HasTrainingCheckpoint(request.trainer.directory)) {
     const absl::Status status = StartFrom(request, *model, observer);
     if (!status.ok()) return status;
   }

@@ -150,6 +150,8 @@ absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointMod
   return status;
 }
 
+bool HasTrainingCheckpoint(const std::string& directory) { return !StepsIn(directory).empty(); }
+
 absl::StatusOr<std::optional<TrainingCheckpoint>> FindTrainingCheckpoint(const std::string& directory) {
   std::string skipped;
   const auto steps = StepsIn(directory);

@@ -2,17 +2,25 @@
 #include "training/job.h"
 
 #include <gtest/gtest.h>
+#include <torch/types.h>
 
 #include <atomic>
+#include <filesystem>
+#include <fstream>
 #include <opencv2/core/utility.hpp>
+#include <sstream>
 #include <string>
 
+#include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
 namespace holdfast {
 namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
 
 TrainRequest OneStep(const std::string& directory) {
   TrainRequest request;
@@ -31,11 +39,39 @@ absl::Status RunJob(const TrainRequest& request) {
   return RunTraining(request, GroupOptions(), stop);
 }
 
+std::string Contents(const std::string& path) {
+  std::ostringstream text;
+  text << std::ifstream(path).rdbuf();
+  return text.str();
+}
+
 TEST(TrainingJobTest, KeepsOpenCvFromThreadsOfItsOwn) {
   const TempDir dir;
   cv::setNumThreads(2);
   ASSERT_THAT(RunJob(OneStep(dir.path())), IsOk());
   EXPECT_EQ(cv::getNumThreads(), 1);
+}
+
+TEST(TrainingJobTest, GoesOnWithoutTheWeightsThatItStartedFrom) {
+  const TempDir dir;
+  TrainRequest request = OneStep(dir.File("out"));
+  request.init = dir.File("init.safetensors");
+  ASSERT_THAT(SaveModel(request.init, *PointModel(request.network)), IsOk());
+  ASSERT_THAT(RunJob(request), IsOk());
+  const std::string log = dir.File("out/log.jsonl");
+  EXPECT_THAT(Contents(log), HasSubstr("starting from"));
+  std::filesystem::remove(request.init);
+  std::filesystem::remove(log);
+  ASSERT_THAT(RunJob(request), IsOk());
+  EXPECT_THAT(Contents(log), HasSubstr("going on from step 1"));
+  EXPECT_THAT(Contents(log), Not(HasSubstr("starting from")));
+}
+
+TEST(TrainingJobTest, WithoutACheckpointTheWeightsToStartFromMustBeThere) {
+  const TempDir dir;
+  TrainRequest request = OneStep(dir.File("out"));
+  request.init = dir.File("init.safetensors");
+  EXPECT_THAT(RunJob(request).message(), HasSubstr("init.safetensors"));
 }
 
 }  // namespace
