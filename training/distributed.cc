@@ -157,9 +157,8 @@ absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<con
   return options;
 }
 
-torch::Device DeviceOf(const torch::Device& told, const GroupOptions& options) {
-  if (!told.is_cuda() || told.has_index() || options.local_rank < 0) return told;
-  return {told.type(), static_cast<c10::DeviceIndex>(options.local_rank)};
+std::string DeviceOf(const std::string& told, const GroupOptions& options) {
+  return told == "cuda" && options.local_rank >= 0 ? absl::StrCat(told, ":", options.local_rank) : told;
 }
 
 absl::StatusOr<std::unique_ptr<ProcessGroup>> ProcessGroup::Join(const GroupOptions& options,

@@ -38,9 +38,9 @@ struct GroupOptions {
 // variable.
 absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<const char*(const char*)>& getenv);
 
-// The device of this process where all of a machine are told the same: "cuda" without a number is the GPU of its local
-// rank.
-torch::Device DeviceOf(const torch::Device& told, const GroupOptions& options);
+// The name of this process's device where all of a machine are told the same: "cuda" without a number is the GPU of its
+// local rank.
+std::string DeviceOf(const std::string& told, const GroupOptions& options);
 
 // The processes of one job. Every process calls the same methods in the same order; one thread. A process that died
 // makes them fail with UNAVAILABLE, after which the group is of no more use.

@@ -211,7 +211,7 @@ absl::StatusOr<std::vector<Phase>> ParsePhases(const std::string& text) {
   return phases;
 }
 
-absl::StatusOr<TrainRequest> TrainRequestFromFlags() {
+absl::StatusOr<TrainRequest> TrainRequestFromFlags(const GroupOptions& group) {
   TrainRequest request;
   absl::StatusOr<ModelOptions> network = NetworkFromFlags();
   if (!network.ok()) return network.status();
@@ -219,7 +219,7 @@ absl::StatusOr<TrainRequest> TrainRequestFromFlags() {
   if (!recipe.ok()) return recipe.status();
   request.network = *std::move(network);
   request.trainer.recipe = *std::move(recipe);
-  const absl::StatusOr<torch::Device> device = OpenDevice(absl::GetFlag(FLAGS_device));
+  const absl::StatusOr<torch::Device> device = OpenDevice(DeviceOf(absl::GetFlag(FLAGS_device), group));
   if (!device.ok()) return absl::InvalidArgumentError(absl::StrCat("--device: ", device.status().message()));
   request.trainer.device = *device;
   DataFromFlags(request);

@@ -7,6 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "model/options.h"
+#include "training/distributed.h"
 #include "training/trainer.h"
 #include "training/training_data.h"
 
@@ -27,8 +28,9 @@ struct TrainRequest {
   bool choose_precision = true;       // the recipe's bfloat16 only where it is fast and right
 };
 
-// From the values the flags have now. INVALID_ARGUMENT names the flag.
-absl::StatusOr<TrainRequest> TrainRequestFromFlags();
+// From the values the flags have now, for this process of the group: it opens its own device and no other.
+// INVALID_ARGUMENT names the flag.
+absl::StatusOr<TrainRequest> TrainRequestFromFlags(const GroupOptions& group);
 
 // "0.7:256x192:64:3,1:320x256:64:4": until:WIDTHxHEIGHT:points:iterations of each phase.
 absl::StatusOr<std::vector<Phase>> ParsePhases(const std::string& text);

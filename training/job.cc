@@ -4,6 +4,7 @@
 #include <torch/utils.h>
 #include <unistd.h>
 
+#include <exception>
 #include <filesystem>
 #include <iostream>
 #include <memory>
@@ -18,6 +19,7 @@
 #include "model/presets.h"
 #include "model/thread_count.h"
 #include "training/data/loader.h"
+#include "training/first_line.h"
 #include "training/loss/clip_targets.h"
 #include "training/precision_choice.h"
 #include "training/report/console.h"
@@ -119,10 +121,8 @@ std::string Describe(const TrainRequest& request, const PointModelImpl& model, c
                       Describe(request.trainer.recipe));
 }
 
-}  // namespace
-
-absl::StatusOr<StopReason> RunTraining(const TrainRequest& request, const GroupOptions& options,
-                                       const std::atomic<bool>& stop) {
+absl::StatusOr<StopReason> Train(const TrainRequest& request, const GroupOptions& options,
+                                 const std::atomic<bool>& stop) {
   const SystemClock clock;
   torch::set_num_threads(ThreadCount(request.threads));
   cv::setNumThreads(1);  // clips are made in parallel, not their pixels: OpenCV's pool would take the network's cores
@@ -149,6 +149,17 @@ absl::StatusOr<StopReason> RunTraining(const TrainRequest& request, const GroupO
                                summary->reason == StopReason::kFinished ? "finished" : "stopped", summary->step,
                                summary->best));
   return summary->reason;
+}
+
+}  // namespace
+
+absl::StatusOr<StopReason> RunTraining(const TrainRequest& request, const GroupOptions& options,
+                                       const std::atomic<bool>& stop) {
+  try {
+    return Train(request, options, stop);
+  } catch (const std::exception& e) {
+    return absl::InternalError(absl::StrCat("the training failed: ", FirstLine(e)));
+  }
 }
 
 }  // namespace holdfast

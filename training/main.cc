@@ -30,10 +30,10 @@ constexpr Program kProgram = {
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
 
-absl::StatusOr<TrainRequest> ReadRequest(const std::vector<std::string>& args) {
+absl::StatusOr<TrainRequest> ReadRequest(const std::vector<std::string>& args, const GroupOptions& group) {
   const absl::Status status = SetFlags(args, std::getenv);
   if (!status.ok()) return status;
-  return TrainRequestFromFlags();
+  return TrainRequestFromFlags(group);
 }
 
 int Fail(const absl::Status& status, int exit_status) {
@@ -53,11 +53,10 @@ int Main(const std::vector<std::string>& args) {
   StopSignal stop;
   stop.SetCallback([&asked_to_stop] { asked_to_stop = true; });
   const TerminationWatcher watcher(stop);
-  absl::StatusOr<TrainRequest> request = ReadRequest(args);
-  if (!request.ok()) return Fail(request.status(), kUsageError);
   const absl::StatusOr<GroupOptions> group = GroupOptionsFromEnvironment(std::getenv);
   if (!group.ok()) return Fail(group.status(), kUsageError);
-  request->trainer.device = DeviceOf(request->trainer.device, *group);
+  const absl::StatusOr<TrainRequest> request = ReadRequest(args, *group);
+  if (!request.ok()) return Fail(request.status(), kUsageError);
   const absl::StatusOr<StopReason> reason = RunTraining(*request, *group, asked_to_stop);
   if (!reason.ok()) return Fail(reason.status(), kFailure);
   return *reason == StopReason::kFinished ? EXIT_SUCCESS : StoppedExitCode(stop);

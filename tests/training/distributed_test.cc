@@ -87,10 +87,10 @@ TEST(GroupOptionsTest, EachProcessOfAMachineHasAGpuOfItsOwn) {
   const auto options =
       From({{"RANK", "3"}, {"LOCAL_RANK", "1"}, {"WORLD_SIZE", "4"}, {"MASTER_ADDR", "a"}, {"MASTER_PORT", "1"}});
   ASSERT_THAT(options, IsOk());
-  EXPECT_EQ(DeviceOf(torch::Device("cuda"), *options), torch::Device("cuda:1"));
-  EXPECT_EQ(DeviceOf(torch::Device("cuda:0"), *options), torch::Device("cuda:0")) << "told";
-  EXPECT_EQ(DeviceOf(torch::Device("cpu"), *options), torch::Device("cpu"));
-  EXPECT_EQ(DeviceOf(torch::Device("cuda"), GroupOptions()), torch::Device("cuda"));
+  EXPECT_EQ(DeviceOf("cuda", *options), "cuda:1");
+  EXPECT_EQ(DeviceOf("cuda:0", *options), "cuda:0") << "told";
+  EXPECT_EQ(DeviceOf("cpu", *options), "cpu");
+  EXPECT_EQ(DeviceOf("cuda", GroupOptions()), "cuda");
 }
 
 TEST(GroupOptionsTest, ReadsWhatTorchrunSaysOfItsStore) {

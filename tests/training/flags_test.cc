@@ -16,11 +16,11 @@ namespace {
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
 
-absl::StatusOr<TrainRequest> Request(const std::vector<std::string>& args) {
+absl::StatusOr<TrainRequest> Request(const std::vector<std::string>& args, const GroupOptions& group = {}) {
   const absl::FlagSaver saver;
   const auto rest = ParseFlags(args);
   if (!rest.ok()) return rest.status();
-  return TrainRequestFromFlags();
+  return TrainRequestFromFlags(group);
 }
 
 TEST(TrainFlagsTest, APresetNamesNetworkAndRecipe) {
@@ -64,6 +64,14 @@ TEST(TrainFlagsTest, EveryFieldOfTheRecipeHasAFlagThatSetsItAlone) {
     ASSERT_THAT(request, IsOk()) << field.flag;
     EXPECT_EQ(Describe(request->trainer.recipe), Describe(wanted));
   }
+}
+
+TEST(TrainFlagsTest, AProcessOpensTheDeviceOfItsLocalRankAlone) {
+  GroupOptions group;
+  group.local_rank = 99;  // no machine has as many
+  EXPECT_THAT(Request({"--preset=test", "--device=cuda"}, group),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("cuda:99")));
+  EXPECT_THAT(Request({"--preset=test", "--device=cpu"}, group), IsOk());
 }
 
 TEST(TrainFlagsTest, ValidationClipsAreHeldOut) {

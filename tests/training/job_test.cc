@@ -74,5 +74,12 @@ TEST(TrainingJobTest, WithoutACheckpointTheWeightsToStartFromMustBeThere) {
   EXPECT_THAT(RunJob(request).message(), HasSubstr("init.safetensors"));
 }
 
+TEST(TrainingJobTest, AnExceptionBeforeTheFirstStepIsAnError) {
+  const TempDir dir;
+  TrainRequest request = OneStep(dir.path());
+  request.trainer.device = torch::Device("meta");  // its tensors have no numbers
+  EXPECT_FALSE(RunJob(request).ok());
+}
+
 }  // namespace
 }  // namespace holdfast

@@ -206,6 +206,11 @@ class TrainProgramTest(unittest.TestCase):
         self.assertEqual(result.returncode, 1)
         self.assertIn("/nonexistent", result.stderr)
 
+    def test_a_device_that_computes_nothing_is_an_error(self):
+        result = train(self.folder / "out", "--device=meta", "--steps=1")
+        self.assertEqual(result.returncode, 1, result.stderr)
+        self.assertIn("holdfast-train: ", result.stderr)
+
     def test_starts_from_weights_of_a_similar_network(self):
         out = self.folder / "out"
         weights = REPOSITORY / "tests/data/interim.safetensors"
