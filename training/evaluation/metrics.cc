@@ -78,8 +78,8 @@ double MedianError(const Track& track) {
 }
 
 // Share of the estimated or true "visible" that is both and close, as TAP-Vid counts it: a visible estimate that is too
-// far off is a false positive and its visible truth a miss.
-double Jaccard(const std::vector<Track>& tracks, double threshold_px) {
+// far off is a false positive and its visible truth a miss. Empty: nothing is visible, nor said to be.
+std::optional<double> Jaccard(const std::vector<Track>& tracks, double threshold_px) {
   int64_t hits = 0;
   int64_t truths = 0;
   int64_t false_alarms = 0;
@@ -91,7 +91,8 @@ double Jaccard(const std::vector<Track>& tracks, double threshold_px) {
       false_alarms += pair.visible && !hit;
     }
   }
-  return truths + false_alarms == 0 ? 1.0 : static_cast<double>(hits) / (truths + false_alarms);
+  if (truths + false_alarms == 0) return std::nullopt;
+  return static_cast<double>(hits) / (truths + false_alarms);
 }
 
 void AddVisibilityMetrics(const std::vector<Track>& tracks, Metrics& metrics) {
@@ -101,9 +102,14 @@ void AddVisibilityMetrics(const std::vector<Track>& tracks, Metrics& metrics) {
     pairs += track.size();
     right += std::count_if(track.begin(), track.end(), [](const Pair& p) { return p.visible == p.truly_visible; });
   }
+  if (pairs == 0) return;
   metrics.oa = 100.0 * right / pairs;
   double sum = 0;
-  for (double threshold : kThresholds) sum += Jaccard(tracks, threshold);
+  for (double threshold : kThresholds) {
+    const std::optional<double> jaccard = Jaccard(tracks, threshold);
+    if (!jaccard) return;  // at no other threshold either
+    sum += *jaccard;
+  }
   metrics.aj = 100.0 * sum / kThresholds.size();
 }
 
@@ -160,6 +166,7 @@ Metrics ComputeMetrics(const ScoredVideo& video) {
     median_errors += MedianError(track);
     tracks.push_back(std::move(track));
   }
+  if (!video.visible.empty()) AddVisibilityMetrics(all, metrics);
   if (tracks.empty()) return metrics;
   metrics.delta_avg = DeltaAverage(tracks, [](const Pair&) { return true; });
   metrics.delta_vis = DeltaAverage(tracks, [](const Pair& pair) { return pair.truly_visible; });
@@ -167,7 +174,6 @@ Metrics ComputeMetrics(const ScoredVideo& video) {
   metrics.survival_50 = survival_50 / tracks.size();
   metrics.survival_16 = survival_16 / tracks.size();
   metrics.mte = median_errors / tracks.size();
-  if (!video.visible.empty()) AddVisibilityMetrics(all, metrics);
   metrics.left_object = ShareStrayed(tracks);
   return metrics;
 }

@@ -56,7 +56,7 @@ const std::array<MetricColumn, 9>& MetricColumns();
 double ScoredError(const ScoredVideo& video, int64_t index);
 
 // REQUIRES: the arrays of 'video' have the sizes said above. Tracks without a valid frame after their query count
-// nowhere.
+// nowhere but in oa and aj, and there where they are hidden.
 Metrics ComputeMetrics(const ScoredVideo& video);
 
 // The mean of each metric over the videos that have it.

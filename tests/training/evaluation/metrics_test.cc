@@ -173,6 +173,32 @@ TEST(MetricsTest, WhereNobodyKnowsThePlaceOnlyVisibilityCounts) {
   EXPECT_THAT(metrics.aj, About(100.0 * 2 / 3));
 }
 
+// Two frames after the query, both hidden: nothing is said of positions. One of two is said to be visible, which is a
+// false alarm at every threshold.
+TEST(MetricsTest, VisibilityCountsWhereEveryPointIsHiddenAfterItsQuery) {
+  const Metrics metrics = Video(3, 1).HiddenSomewhere(1, 0).HiddenSomewhere(2, 0).SaidVisible({1, 0, 1}).Score();
+  EXPECT_FALSE(metrics.delta_avg.has_value());
+  EXPECT_FALSE(metrics.survival_16.has_value());
+  EXPECT_FALSE(metrics.mte.has_value());
+  EXPECT_THAT(metrics.oa, About(50));
+  EXPECT_THAT(metrics.aj, About(0));
+}
+
+// TAP-Vid divides the hits by the true "visible" and the false alarms: nothing by nothing here.
+TEST(MetricsTest, WithoutVisiblePointsAndFalseAlarmsThereIsNoJaccard) {
+  const Metrics nowhere = Video(3, 1).HiddenSomewhere(1, 0).HiddenSomewhere(2, 0).SaidVisible({1, 0, 0}).Score();
+  EXPECT_THAT(nowhere.oa, About(100));
+  EXPECT_FALSE(nowhere.aj.has_value());
+  const Metrics placed = Video(3, 1).Hidden(1, 0).Hidden(2, 0).SaidVisible({1, 0, 0}).Score();
+  EXPECT_THAT(placed.delta_occ, About(100));
+  EXPECT_FALSE(placed.aj.has_value());
+}
+
+TEST(MetricsTest, WithoutFramesAfterTheQueryThereIsNothingToMeasure) {
+  const Metrics metrics = Video(3, 1).QueryAt(0, 2).SaidVisible({1, 1, 1}).Score();
+  for (const MetricColumn& column : MetricColumns()) EXPECT_FALSE((metrics.*column.value).has_value()) << column.key;
+}
+
 TEST(MetricsTest, AnEstimateHasLeftItsObjectWhereAnotherOneIsUnderIt) {
   // Point 0 lies on object 3 and has left it in one of three frames, point 1 on object 5 in two, once for nothing at
   // all.
