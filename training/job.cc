@@ -121,6 +121,12 @@ std::string Describe(const TrainRequest& request, const PointModelImpl& model, c
                       Describe(request.trainer.recipe));
 }
 
+std::string Describe(const TrainingSummary& summary) {
+  const std::string end =
+      absl::StrCat(summary.reason == StopReason::kFinished ? "finished" : "stopped", " at step ", summary.step);
+  return summary.best < 0 ? end : absl::StrFormat("%s; best validation delta_vis %.1f", end, summary.best);
+}
+
 absl::StatusOr<StopReason> Train(const TrainRequest& request, const GroupOptions& options,
                                  const std::atomic<bool>& stop) {
   const SystemClock clock;
@@ -144,10 +150,7 @@ absl::StatusOr<StopReason> Train(const TrainRequest& request, const GroupOptions
   if (!trainer.ok()) return trainer.status();
   const absl::StatusOr<TrainingSummary> summary = (*trainer)->Run();
   if (!summary.ok()) return summary.status();
-  (*observers)
-      ->Notice(absl::StrFormat("%s at step %d; best validation delta_vis %.1f",
-                               summary->reason == StopReason::kFinished ? "finished" : "stopped", summary->step,
-                               summary->best));
+  (*observers)->Notice(Describe(*summary));
   return summary->reason;
 }
 

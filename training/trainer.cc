@@ -7,6 +7,7 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <map>
 #include <utility>
 #include <vector>
 
@@ -249,19 +250,24 @@ absl::Status TrainerImpl::Validate() {
   report.metrics = *metrics;
   report.best = metrics->delta_vis.value_or(-1) > state_.best;
   parts_.observer->Validated(report);
+  if (!metrics->delta_vis) return absl::OkStatus();
+  state_.validated = *metrics->delta_vis;
+  state_.validated_step = state_.step;
   if (!report.best) return absl::OkStatus();
-  state_.best = *metrics->delta_vis;
+  state_.best = state_.validated;
   return SaveAverage("best.safetensors");
 }
 
 absl::Status TrainerImpl::SaveAverage(const std::string& name) {
   PointModel network(parts_.model->options());
   average_.CopyTo(*network);
-  return SaveModel(absl::StrCat(options_.directory, "/", name), *network, torch::kFloat32,
-                   {{"holdfast.recipe", state_.recipe},
-                    {"holdfast.seed", absl::StrCat(state_.seed)},
-                    {"holdfast.step", absl::StrCat(state_.step)},
-                    {"holdfast.validation_delta_vis", absl::StrCat(state_.best)}});
+  std::map<std::string, std::string> metadata = {{"holdfast.recipe", state_.recipe},
+                                                 {"holdfast.seed", absl::StrCat(state_.seed)},
+                                                 {"holdfast.step", absl::StrCat(state_.step)}};
+  if (state_.validated_step == state_.step) {
+    metadata["holdfast.validation_delta_vis"] = absl::StrCat(state_.validated);
+  }
+  return SaveModel(absl::StrCat(options_.directory, "/", name), *network, torch::kFloat32, metadata);
 }
 
 absl::Status TrainerImpl::Checkpoint() {

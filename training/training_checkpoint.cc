@@ -53,6 +53,8 @@ std::string ToJson(const TrainingState& state) {
                                {"elapsed_s", absl::ToDoubleSeconds(state.elapsed)},
                                {"skipped_steps", state.skipped_steps},
                                {"best", state.best},
+                               {"validated", state.validated},
+                               {"validated_step", state.validated_step},
                                {"recipe", state.recipe},
                                {"average_updates", state.average_updates}};
   return json.dump();
@@ -68,6 +70,8 @@ absl::StatusOr<TrainingState> FromJson(const std::string& text) {
     state.elapsed = absl::Seconds(json.at("elapsed_s").get<double>());
     json.at("skipped_steps").get_to(state.skipped_steps);
     json.at("best").get_to(state.best);
+    state.validated = json.value("validated", state.validated);  // earlier checkpoints have neither
+    state.validated_step = json.value("validated_step", state.validated_step);
     json.at("recipe").get_to(state.recipe);
     json.at("average_updates").get_to(state.average_updates);
     return state;

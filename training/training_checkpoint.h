@@ -25,9 +25,11 @@ struct TrainingState {
   uint64_t seed = 0;       // of all chance: what a step draws is a function of it and of the batch's number
   absl::Duration elapsed;  // of training, over all runs
   int64_t skipped_steps = 0;
-  double best = -1;       // validation so far; below 0: none yet
-  std::string recipe;     // Describe() of the recipe
-  std::string optimizer;  // its archive
+  double best = -1;             // validation so far; below 0: none yet
+  double validated = -1;        // the last validation
+  int64_t validated_step = -1;  // and after which step that was; below 0: none yet
+  std::string recipe;           // Describe() of the recipe
+  std::string optimizer;        // its archive
   std::map<std::string, torch::Tensor> average;
   int64_t average_updates = 0;
 };

@@ -36,7 +36,7 @@ TrainRequest OneStep(const std::string& directory) {
 
 absl::Status RunJob(const TrainRequest& request) {
   const std::atomic<bool> stop{false};
-  return RunTraining(request, GroupOptions(), stop);
+  return RunTraining(request, GroupOptions(), stop).status();
 }
 
 std::string Contents(const std::string& path) {
@@ -72,6 +72,14 @@ TEST(TrainingJobTest, WithoutACheckpointTheWeightsToStartFromMustBeThere) {
   TrainRequest request = OneStep(dir.File("out"));
   request.init = dir.File("init.safetensors");
   EXPECT_THAT(RunJob(request).message(), HasSubstr("init.safetensors"));
+}
+
+TEST(TrainingJobTest, SaysOfAValidationOnlyWhatThereWas) {
+  const TempDir dir;
+  TrainRequest request = OneStep(dir.path());
+  ASSERT_THAT(RunJob(request), IsOk());
+  EXPECT_THAT(Contents(dir.File("log.jsonl")), HasSubstr("finished at step 1"));
+  EXPECT_THAT(Contents(dir.File("log.jsonl")), Not(HasSubstr("best validation")));
 }
 
 TEST(TrainingJobTest, AnExceptionBeforeTheFirstStepIsAnError) {

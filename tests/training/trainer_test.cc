@@ -9,6 +9,7 @@
 #include <functional>
 #include <map>
 
+#include "absl/strings/str_cat.h"
 #include "model/checkpoint/checkpoint.h"
 #include "model/checkpoint/safetensors.h"
 #include "model/presets.h"
@@ -374,6 +375,38 @@ TEST_F(TrainerTest, ValidatesTheAveragedWeightsAndKeepsTheBest) {
   EXPECT_EQ(summary->best, best);
   EXPECT_TRUE(recorder.validations[0].metrics.oa.has_value());
   EXPECT_THAT(LoadModel(dir.File("best.safetensors")), IsOk());
+}
+
+TEST_F(TrainerTest, WeightsCarryTheirOwnValidation) {
+  options_.validate_every = 4;
+  const auto clips = OpenTrainingData(TestData(), options_.recipe.phases[0]);
+  const auto validation = Validation::Create(**clips, 2, 5, 2);
+  ASSERT_THAT(validation, IsOk());
+  const TempDir dir;
+  Recorder recorder, again;
+  recorder.on_step = [this](const StepReport& report) {
+    torch::NoGradGuard no_grad;
+    if (report.step != 5) return;
+    for (const torch::Tensor& parameter : network_->parameters()) parameter.add_(1);  // for the worse
+  };
+  const auto summary = Train(dir, recorder, nullptr, &*validation);
+  ASSERT_THAT(summary, IsOk());
+  const double last = *recorder.validations.back().metrics.delta_vis;
+  ASSERT_LT(last, summary->best);
+  const auto metadata = [&](const char* name) { return Metadata(dir.File(name)); };
+  EXPECT_EQ(metadata("best.safetensors")["holdfast.validation_delta_vis"], absl::StrCat(summary->best));
+  EXPECT_EQ(metadata("final.safetensors")["holdfast.validation_delta_vis"], absl::StrCat(last));
+  ASSERT_THAT(Train(dir, again, nullptr, &*validation), IsOk());
+  EXPECT_EQ(metadata("final.safetensors")["holdfast.validation_delta_vis"], absl::StrCat(last)) << "started again";
+}
+
+TEST_F(TrainerTest, WeightsThatWereNotValidatedSayNothingOfIt) {
+  const TempDir dir;
+  Recorder recorder;
+  ASSERT_THAT(Train(dir, recorder), IsOk());
+  const auto metadata = Metadata(dir.File("final.safetensors"));
+  EXPECT_EQ(metadata.count("holdfast.step"), 1u);
+  EXPECT_EQ(metadata.count("holdfast.validation_delta_vis"), 0u);
 }
 
 TEST_F(TrainerTest, ReportsWhereTheTimeWentAndTheLearningRate) {
