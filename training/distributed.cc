@@ -136,9 +136,11 @@ absl::Status GroupOptions::Validate() const {
 
 absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<const char*(const char*)>& getenv) {
   GroupOptions options;
+  absl::Status world = ReadNumber("WORLD_SIZE", getenv("WORLD_SIZE"), 1, options.world);
+  if (!world.ok()) return world;
+  if (options.world == 1) return options;
   int64_t port = 0;
   for (const absl::Status& status : {ReadNumber("RANK", getenv("RANK"), 0, options.rank),
-                                     ReadNumber("WORLD_SIZE", getenv("WORLD_SIZE"), 1, options.world),
                                      ReadNumber("LOCAL_RANK", getenv("LOCAL_RANK"), -1, options.local_rank),
                                      ReadNumber("MASTER_PORT", getenv("MASTER_PORT"), 0, port)}) {
     if (!status.ok()) return status;

@@ -34,7 +34,8 @@ struct GroupOptions {
 
 // The variables RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT, as torchrun and Kubernetes operators set them,
 // LOCAL_RANK, TORCHELASTIC_USE_AGENT_STORE and TORCHELASTIC_RESTART_COUNT, as torchrun does, and GLOO_SOCKET_IFNAME, a
-// list with commas; without WORLD_SIZE a single process. 'getenv' is as std::getenv. INVALID_ARGUMENT names the
+// list with commas. Without WORLD_SIZE there is a single process, and the others are not read: Kubernetes sets
+// MASTER_PORT to an address where a service is called "master". 'getenv' is as std::getenv. INVALID_ARGUMENT names the
 // variable.
 absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<const char*(const char*)>& getenv);
 
