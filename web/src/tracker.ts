@@ -444,7 +444,7 @@ export class Tracker implements Observer {
 
   private fail(error: unknown): void {
     if (this.source.value) this.phase.value = "failed";
-    this.endLive();
+    if (this.session?.accepted) this.endLive(); // otherwise it has not begun, and is tried again
     this.say(error instanceof Error ? error.message : String(error), true);
     this.wake();
   }

@@ -333,6 +333,18 @@ test("a camera is off once the server has ended the run", async () => {
   expect([tracker.phase.value, source.closed]).toEqual(["failed", true]);
 });
 
+test("a camera stays on where the server refused to begin, for the next attempt", async () => {
+  const source = new FakeSource(1000, true);
+  const { tracker, world } = await loaded(source);
+  world.socket.say(response({ case: "error", value: { code: 8, message: "too many sessions", details: [] } }));
+  await settled();
+  expect([tracker.phase.value, source.closed]).toEqual(["failed", false]);
+  tracker.start();
+  await accept(world);
+  expect(tracker.phase.value).toBe("running");
+  expect(world.socket.names.at(-1)).toBe("frame 11");
+});
+
 test("what a camera has during a pause, or while something is drawn, is not missed", async () => {
   const source = new FakeSource(1000, true);
   const { tracker, world } = await loaded(source);
