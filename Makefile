@@ -4,8 +4,10 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 PRESET ?= release
 BUILD := build/$(PRESET)
-# A compiler or a test takes up to 2 GB.
-JOBS ?= $(shell awk -v cores=$$(nproc) '/^MemAvailable:/ {n = int($$2 / 2e6); print n < 1 ? 1 : n < cores ? n : cores}' /proc/meminfo)
+# A compiler or a test takes up to 2 GB, of the machine's memory and of the container's.
+JOBS ?= $(shell { awk '/^MemAvailable:/ {print $$2 * 1e3}' /proc/meminfo; \
+  cat /sys/fs/cgroup/memory.max /sys/fs/cgroup/memory/memory.limit_in_bytes 2>/dev/null; } | \
+  awk -v n=$$(nproc) '$$1 + 0 > 0 && int($$1 / 2e9) < n {n = int($$1 / 2e9)} END {print n < 1 ? 1 : n}')
 # Of each test: with a thread for every core, as many tests at once would have cores times cores of them.
 TEST_THREADS := $(shell n=$$(nproc); echo $$((n < 4 ? n : 4)))
 TIME ?= 30m
