@@ -106,6 +106,7 @@ class TrackRun final : public TrackObserver {
     for (ObjectRun& run : update.objects) encoder_.FromSent(run);
     queries_.NameObjectPoints(update);
     absl::MutexLock lock(&mutex_);
+    table_.RestoreQueries(update.runs);
     // The frame that is just being sent is not counted yet.
     if (broken_.ok() && update.frames_received > sent_ + 1) {
       broken_ = absl::InternalError(

@@ -52,6 +52,18 @@ std::optional<absl::Time> TrackTable::CaptureTime(int64_t frame) const {
   return input_frames_[frame].capture_time;
 }
 
+void TrackTable::RestoreQueries(std::vector<PointRun>& runs) const {
+  for (PointRun& run : runs) {
+    const auto found = index_.find(run.id);
+    if (found == index_.end() || IsOfObject(tracks_[found->second])) continue;
+    const TableTrack& track = tracks_[found->second];
+    const int64_t at = track.query_frame - run.first_frame;
+    if (at < 0 || at >= static_cast<int64_t>(run.x.size())) continue;
+    run.x[at] = track.start.query.x;
+    run.y[at] = track.start.query.y;
+  }
+}
+
 absl::Status TrackTable::Apply(const TrackUpdate& update) {
   frames_ = std::max(frames_, update.frames_received);
   for (const PointRun& run : update.runs) {

@@ -66,6 +66,10 @@ class TrackTable {
   int64_t Number(int64_t frame) const;
   std::optional<absl::Time> CaptureTime(int64_t frame) const;
 
+  // Puts points back where they were given on the frames that they start on: what was sent of them may have been cut
+  // off at the border of a smaller picture.
+  void RestoreQueries(std::vector<PointRun>& runs) const;
+
   // INTERNAL when the update speaks of points or frames that the session does not have.
   absl::Status Apply(const TrackUpdate& update);
   // The same for estimates of frames before those that points start on.

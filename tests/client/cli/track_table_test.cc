@@ -29,6 +29,20 @@ float FinalX(const TrackTable& table, size_t track, int64_t frame) {
   return sample == nullptr || !sample->is_final() ? -1 : sample->x;
 }
 
+TEST(TrackTableTest, QueriesAreWhereTheyWereGiven) {
+  TrackTable table({{{1, 0, 99.5f}, 0, "a"}, {{2, 7, 8}, 2, "b"}}, StartObject{{1, "png"}, 0, 10});
+  for (int64_t frame = 0; frame < 3; ++frame) table.AddFrame(frame);
+  std::vector<PointRun> runs = {RunOf(1, 0, {2.5f, 3}, 1), RunOf(1, 1, {3, 4}, 1), RunOf(2, 2, {6.5f}, 0),
+                                RunOf(10, 0, {5}, 0), RunOf(77, 0, {5}, 0)};
+  table.RestoreQueries(runs);
+  EXPECT_EQ(runs[0].x, (std::vector<float>{0, 3}));
+  EXPECT_EQ(runs[0].y, (std::vector<float>{99.5f, 2}));
+  EXPECT_EQ(runs[1].x, (std::vector<float>{3, 4}));
+  EXPECT_EQ(runs[2].x[0], 7);
+  EXPECT_EQ(runs[3].x[0], 5) << "the tracker has placed it";
+  EXPECT_EQ(runs[4].x[0], 5);
+}
+
 TEST(TrackTableTest, RevisionsReplaceProvisionalEstimatesAndFinalOnesStay) {
   TrackTable table({Start(1, 0)});
   ASSERT_THAT(table.Apply(Update(3, {RunOf(1, 0, {10, 11, 12}, 1)})), IsOk());
