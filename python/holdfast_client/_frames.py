@@ -16,6 +16,7 @@ Frame = Union[bytes, np.ndarray]  # of a file (JPEG, PNG), or uint8 [H, W, 3] in
 Points = Union[np.ndarray, Mapping[int, tuple[float, float]], Iterable[tuple[float, float]]]
 
 _JPEG, _PNG = b"\xff\xd8", b"\x89PNG"
+_JPEG_SCAN = 0xda
 _QUALITY = 95
 
 
@@ -60,18 +61,24 @@ def _png_size(file: bytes) -> tuple[int, int] | None:
     if not file.startswith(_PNG) or len(file) < 24:
         return None
     width, height = struct.unpack_from(">II", file, 16)
-    return width, height
+    return (width, height) if width and height else None
 
 
 def _jpeg_size(file: bytes) -> tuple[int, int] | None:
-    """As the frame header says, the segment whose marker is one of ff c0 .. ff cf but those of tables."""
+    """As the frame header says, the segment whose marker is one of ff c0 .. ff cf but those of tables. It comes before
+    the coded picture."""
     at = 2
-    while at + 9 <= len(file):
-        marker, length = file[at + 1], struct.unpack_from(">H", file, at + 2)[0]
+    while at + 9 <= len(file) and file[at] == 0xff:
+        marker = file[at + 1]
+        if marker == 0xff:  # fills up
+            at += 1
+            continue
+        if marker == _JPEG_SCAN:
+            return None
         if 0xc0 <= marker <= 0xcf and marker not in (0xc4, 0xc8, 0xcc):
             height, width = struct.unpack_from(">HH", file, at + 5)
-            return width, height
-        at += 2 + length
+            return (width, height) if width and height else None
+        at += 2 + struct.unpack_from(">H", file, at + 2)[0]
     return None
 
 

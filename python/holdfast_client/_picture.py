@@ -75,7 +75,7 @@ def _embed(frame: Frame) -> tuple[str, tuple[int, int]]:
     else:
         kind, data = "png", _png(check_picture(frame))
     if (size := size_of(frame)) is None:
-        raise ValueError("a frame's bytes are those of neither a JPEG nor a PNG with a size")
+        raise ValueError("a frame's bytes are neither JPEG nor PNG, or say no size")
     return f"data:image/{kind};base64," + base64.b64encode(data).decode(), size
 
 

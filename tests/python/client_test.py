@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -16,6 +17,7 @@ import support
 from support import FRAMES, PICTURES, POINTS
 
 import holdfast_client
+from holdfast_client._frames import size_of
 from holdfast_client._picture import _png
 
 
@@ -99,6 +101,14 @@ class ClientTest(support.ServedTest, unittest.TestCase):
                     processed = session.accepted.processing_size
                     self.assertEqual((processed.width, processed.height), expected)
                     session.cancel()
+
+    def test_files_say_their_size(self):
+        jpeg = b"\xff\xd8\xff\xe0" + struct.pack(">H", 2) + b"\xff\xff\xff\xc0" + struct.pack(">HBHH", 11, 8, 480, 854)
+        scan = b"\xff\xd8\xff\xda" + struct.pack(">H", 2) + b"\xff\xc0" + struct.pack(">HBHH", 11, 8, 480, 854)
+        for file, size in ((jpeg, (854, 480)), (jpeg.replace(b"\x03\x56", b"\0\0"), None), (scan, None),
+                           (jpeg[:-3], None), (b"\xff\xd8" + bytes(20), None), (_png(PICTURES[0]), (128, 96)),
+                           (_png(PICTURES[0])[:20], None)):
+            self.assertEqual(size_of(file), size, file[:24])
 
     def test_a_session_without_points_says_how_far_it_is(self):
         with self.client().session(encoding="raw") as session:
