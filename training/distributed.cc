@@ -120,11 +120,13 @@ absl::Status ReadNumber(const char* name, const char* text, int64_t fallback, in
   return absl::InvalidArgumentError(absl::StrCat(name, " is no number: '", text, "'"));
 }
 
+absl::Status RankOutOfRange() { return absl::InvalidArgumentError("RANK must be in 0 .. WORLD_SIZE - 1"); }
+
 }  // namespace
 
 absl::Status GroupOptions::Validate() const {
   if (world < 1) return absl::InvalidArgumentError("WORLD_SIZE must be 1 or more");
-  if (rank < 0 || rank >= world) return absl::InvalidArgumentError("RANK must be in 0 .. WORLD_SIZE - 1");
+  if (rank < 0 || rank >= world) return RankOutOfRange();
   if (local_rank >= world || local_rank > std::numeric_limits<c10::DeviceIndex>::max()) {
     return absl::InvalidArgumentError("LOCAL_RANK must be below WORLD_SIZE");
   }
@@ -138,10 +140,14 @@ absl::StatusOr<GroupOptions> GroupOptionsFromEnvironment(const std::function<con
   GroupOptions options;
   absl::Status world = ReadNumber("WORLD_SIZE", getenv("WORLD_SIZE"), 1, options.world);
   if (!world.ok()) return world;
-  if (options.world == 1) return options;
+  const absl::Status rank = ReadNumber("RANK", getenv("RANK"), 0, options.rank);
+  if (options.world == 1) {
+    // Others of its job would each train by themselves, in one directory.
+    if (rank.ok() && options.rank > 0) return RankOutOfRange();
+    return GroupOptions();
+  }
   int64_t port = 0;
-  for (const absl::Status& status : {ReadNumber("RANK", getenv("RANK"), 0, options.rank),
-                                     ReadNumber("LOCAL_RANK", getenv("LOCAL_RANK"), -1, options.local_rank),
+  for (const absl::Status& status : {rank, ReadNumber("LOCAL_RANK", getenv("LOCAL_RANK"), -1, options.local_rank),
                                      ReadNumber("MASTER_PORT", getenv("MASTER_PORT"), 0, port)}) {
     if (!status.ok()) return status;
   }

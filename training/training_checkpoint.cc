@@ -46,6 +46,12 @@ std::set<int64_t, std::greater<int64_t>> StepsIn(const std::string& directory) {
   return steps;
 }
 
+// The weights of the first pair, without the state that would have made it one: its training was killed in between.
+bool HasBarelyBegun(const std::string& directory, const std::set<int64_t, std::greater<int64_t>>& steps) {
+  std::error_code error;
+  return steps.size() == 1 && !std::filesystem::exists(StatePath(directory, *steps.begin()), error) && !error;
+}
+
 std::string ToJson(const TrainingState& state) {
   const nlohmann::json json = {{"step", state.step},
                                {"next_batch", state.next_batch},
@@ -154,11 +160,15 @@ absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointMod
   return status;
 }
 
-bool HasTrainingCheckpoint(const std::string& directory) { return !StepsIn(directory).empty(); }
+bool HasTrainingCheckpoint(const std::string& directory) {
+  const auto steps = StepsIn(directory);
+  return !steps.empty() && !HasBarelyBegun(directory, steps);
+}
 
 absl::StatusOr<std::optional<TrainingCheckpoint>> FindTrainingCheckpoint(const std::string& directory) {
   std::string skipped;
   const auto steps = StepsIn(directory);
+  if (steps.empty() || HasBarelyBegun(directory, steps)) return std::nullopt;
   for (const int64_t step : steps) {
     absl::StatusOr<TrainingCheckpoint> checkpoint = ReadPair(directory, step);
     if (checkpoint.ok()) {
@@ -168,7 +178,6 @@ absl::StatusOr<std::optional<TrainingCheckpoint>> FindTrainingCheckpoint(const s
     absl::StrAppend(&skipped, skipped.empty() ? "" : "; ", "checkpoint of step ", step, ": ",
                     checkpoint.status().message());
   }
-  if (steps.empty()) return std::nullopt;
   return absl::DataLossError(absl::StrCat("no checkpoint in ", directory, " is complete: ", skipped));
 }
 

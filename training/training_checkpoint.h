@@ -48,10 +48,11 @@ struct TrainingCheckpoint {
 absl::Status SaveTrainingCheckpoint(const std::string& directory, const PointModelImpl& model,
                                     const TrainingState& state, absl::Time now);
 
-// Whether there is a file of a checkpoint, so that FindTrainingCheckpoint gives a pair or an error.
+// Whether FindTrainingCheckpoint gives a pair or an error.
 bool HasTrainingCheckpoint(const std::string& directory);
 
-// The newest complete pair; nullopt when the directory has no checkpoint at all. DATA_LOSS when there are some, but
+// The newest complete pair; nullopt when the directory has no checkpoint at all, or only the first one's weights: a
+// process that was killed between the two files left nothing to go on from. DATA_LOSS when there are some, but
 // none is complete and readable.
 absl::StatusOr<std::optional<TrainingCheckpoint>> FindTrainingCheckpoint(const std::string& directory);
 

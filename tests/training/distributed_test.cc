@@ -94,6 +94,15 @@ TEST(GroupOptionsTest, ASingleProcessIgnoresWhatNamesOthers) {
   EXPECT_THAT(From(variables), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("RANK")));
 }
 
+// Each of them would train by itself, in the directory of all.
+TEST(GroupOptionsTest, ARankOfAGroupOfUnknownSizeIsRefused) {
+  for (const char* size : {"", "1"}) {
+    std::map<std::string, std::string> variables = {{"RANK", "2"}, {"MASTER_ADDR", "node-0"}};
+    if (*size != 0) variables["WORLD_SIZE"] = size;
+    EXPECT_THAT(From(variables), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("RANK"))) << size;
+  }
+}
+
 TEST(GroupOptionsTest, ReadsTheStandardVariables) {
   const auto options = From({{"RANK", "2"}, {"WORLD_SIZE", "4"}, {"MASTER_ADDR", "node-0"}, {"MASTER_PORT", "29500"}});
   ASSERT_THAT(options, IsOk());

@@ -91,6 +91,19 @@ TEST(TrainingCheckpointTest, AnEmptyOrAbsentDirectoryHasNone) {
   EXPECT_FALSE(FindTrainingCheckpoint(dir.File("absent"))->has_value());
 }
 
+TEST(TrainingCheckpointTest, AFirstPairThatWasCutOffIsNone) {
+  const TempDir dir;
+  const PointModel model = Network();
+  ASSERT_THAT(SaveModel(dir.File(Weights(5)), *model), IsOk());
+  EXPECT_FALSE(HasTrainingCheckpoint(dir.path()));
+  const auto found = FindTrainingCheckpoint(dir.path());
+  ASSERT_THAT(found, IsOk());
+  EXPECT_FALSE(found->has_value());
+  ASSERT_THAT(SaveModel(dir.File(Weights(9)), *model), IsOk());
+  EXPECT_TRUE(HasTrainingCheckpoint(dir.path()));
+  EXPECT_THAT(FindTrainingCheckpoint(dir.path()), StatusIs(absl::StatusCode::kDataLoss)) << "no cut could do that";
+}
+
 TEST(TrainingCheckpointTest, KeepsTheNewestTwo) {
   const TempDir dir;
   for (const int64_t step : {1, 2, 3}) {
