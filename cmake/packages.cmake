@@ -15,6 +15,11 @@ if(HOLDFAST_SERVER OR HOLDFAST_TRAINING)
   find_package(Torch REQUIRED)
   find_package(prometheus-cpp CONFIG REQUIRED)
   pkg_check_modules(turbojpeg REQUIRED IMPORTED_TARGET libturbojpeg)
+  find_package(Boost 1.74 REQUIRED)  # Asio and Beast, which are headers alone
+  # ThreadSanitizer knows no fences. Asio's order nothing here that its mutexes do not.
+  if(HOLDFAST_SANITIZE STREQUAL thread)
+    target_compile_definitions(Boost::headers INTERFACE BOOST_ASIO_DISABLE_FENCED_BLOCK)
+  endif()
   # Torch's own flags come with its target; only the directories are marked as not ours.
   add_library(holdfast_torch INTERFACE)
   target_include_directories(holdfast_torch SYSTEM INTERFACE ${TORCH_INCLUDE_DIRS})
@@ -34,13 +39,6 @@ if(HOLDFAST_SERVER OR HOLDFAST_TRAINING)
 endif()
 if(HOLDFAST_TRAINING)
   find_package(PNG REQUIRED)
-endif()
-if(HOLDFAST_SERVER)
-  find_package(Boost 1.74 REQUIRED)  # Asio and Beast, which are headers alone
-  # ThreadSanitizer knows no fences. Asio's order nothing here that its mutexes do not.
-  if(HOLDFAST_SANITIZE STREQUAL thread)
-    target_compile_definitions(Boost::headers INTERFACE BOOST_ASIO_DISABLE_FENCED_BLOCK)
-  endif()
 endif()
 if(HOLDFAST_TESTS)
   find_package(GTest REQUIRED)

@@ -55,9 +55,9 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
   std::unique_ptr<Engine> engine;  // outlives the server's streams
   auto server = Server::Start(options, clock, metrics, log);
   if (!server.ok()) return server.status();
-  auto http = HttpEndpoint::Start(
-      options.metrics_listen,
-      {[&metrics] { return metrics.Text(); }, [&server] { return (*server)->state() == LifecycleState::kServing; }});
+  auto http = StartHttpEndpoint(
+      options.metrics_listen, [&metrics] { return metrics.Text(); },
+      [&server] { return (*server)->state() == LifecycleState::kServing; });
   if (!http.ok()) return http.status();
   log->info(absl::StrCat("gRPC on port ", (*server)->port(), " (", options.listen, "), HTTP on port ", (*http)->port(),
                          " (", options.metrics_listen, "); loading the model"));

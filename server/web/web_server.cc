@@ -1,28 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/web/web_server.h"
 
-#include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core/error.hpp>
-#include <chrono>
-#include <optional>
 #include <string>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "api/address.h"
+#include "http/listener.h"
 #include "server/web/http_connection.h"
 
 namespace holdfast {
 namespace {
 
-namespace asio = boost::asio;
-using asio::ip::tcp;
-using boost::beast::error_code;
-
-constexpr std::chrono::milliseconds kPauseAfterError(100);
+using boost::asio::ip::tcp;
 
 // As gRPC names its callers.
 std::string NameOf(const tcp::endpoint& peer) {
@@ -41,68 +33,31 @@ class WebServer::Impl {
               {options.max_message_bytes, options.keepalive_time}},
         max_connections_(options.max_connections),
         log_(std::move(log)) {}
-  ~Impl() {
-    context_.stop();
-    if (thread_.joinable()) thread_.join();
-  }
 
   absl::Status Listen(const std::string& address) {
-    const std::optional<HostPort> parts = SplitHostPort(address);
-    if (!parts) return absl::InvalidArgumentError(absl::StrCat("web_listen is '", address, "', expected host:port"));
-    error_code error;
-    tcp::resolver resolver(context_);
-    const auto found = resolver.resolve(parts->host, absl::StrCat(parts->port), tcp::resolver::passive, error);
-    if (!error) error = ListenAt(found.begin()->endpoint());
-    if (error) {
-      return absl::UnavailableError(absl::StrCat("cannot listen on ", address, " for the web: ", error.message()));
-    }
-    Accept();
-    thread_ = std::thread([this] { context_.run(); });
+    auto listener = Listener::Start(
+        address,
+        {[this](tcp::socket socket, const tcp::endpoint& peer) { Take(std::move(socket), peer); },
+         [this](const std::string& why) { log_->warn(absl::StrCat("the web port takes no connection: ", why)); }});
+    if (!listener.ok()) return listener.status();
+    listener_ = *std::move(listener);
     return absl::OkStatus();
   }
 
-  int port() const { return acceptor_.local_endpoint().port(); }
+  int port() const { return listener_->port(); }
 
  private:
-  error_code ListenAt(const tcp::endpoint& endpoint) {
-    error_code error;
-    acceptor_.open(endpoint.protocol(), error);
-    if (!error) acceptor_.set_option(asio::socket_base::reuse_address(true), error);
-    if (!error) acceptor_.bind(endpoint, error);
-    if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
-    return error;
-  }
-
-  void Accept() {
-    acceptor_.async_accept([this](error_code error, tcp::socket socket) {
-      if (error) return Pause(error);
-      Take(std::move(socket));
-      Accept();
-    });
-  }
-
-  // Descriptors may have run out: trying again at once would only keep the processor busy.
-  void Pause(error_code error) {
-    log_->warn(absl::StrCat("the web port takes no connection: ", error.message()));
-    pause_.expires_after(kPauseAfterError);
-    pause_.async_wait([this](error_code) { Accept(); });
-  }
-
-  void Take(tcp::socket socket) {
-    error_code error;
-    const tcp::endpoint peer = socket.remote_endpoint(error);
-    if (error || site_.place.use_count() > max_connections_) return;  // which closes it
-    socket.set_option(tcp::no_delay(true), error);
+  void Take(tcp::socket socket, const tcp::endpoint& peer) {
+    if (site_.place.use_count() > max_connections_) return;  // which closes it
+    boost::beast::error_code ignored;
+    socket.set_option(tcp::no_delay(true), ignored);
     std::make_shared<HttpConnection>(std::move(socket), site_, NameOf(peer))->Begin();
   }
 
-  const WebSite site_;  // before what runs handlers
+  const WebSite site_;
   const int max_connections_;
   const std::shared_ptr<spdlog::logger> log_;
-  asio::io_context context_{1};
-  tcp::acceptor acceptor_{context_};
-  asio::steady_timer pause_{context_};
-  std::thread thread_;
+  std::unique_ptr<Listener> listener_;  // last: its thread uses the rest
 };
 
 WebServer::WebServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

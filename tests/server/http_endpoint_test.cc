@@ -57,8 +57,8 @@ std::string Get(int port, const std::string& path) { return Ask(port, "GET", pat
 class HttpEndpointTest : public ::testing::Test {
  protected:
   std::atomic<bool> ready_{false};
-  std::unique_ptr<HttpEndpoint> endpoint_ =
-      *HttpEndpoint::Start("127.0.0.1:0", {[] { return std::string("metric 1\n"); }, [this] { return ready_.load(); }});
+  std::unique_ptr<HttpServer> endpoint_ = *StartHttpEndpoint(
+      "127.0.0.1:0", [] { return std::string("metric 1\n"); }, [this] { return ready_.load(); });
 };
 
 TEST_F(HttpEndpointTest, BindsAFreePort) { EXPECT_GT(endpoint_->port(), 0); }
@@ -117,6 +117,18 @@ TEST_F(HttpEndpointTest, TheHealthCheckFollowsReadiness) {
               StatusIs(absl::StatusCode::kUnavailable, HasSubstr("cannot be reached")));
 }
 
+TEST(HealthCheckTest, FindsAServerThatListensEverywhere) {
+  const auto endpoint = *StartHttpEndpoint(":0", nullptr, [] { return true; });
+  for (const char* host : {"", "0.0.0.0"}) {
+    EXPECT_THAT(CheckHealth(absl::StrCat(host, ":", endpoint->port()), absl::Seconds(10)), IsOk());
+  }
+  const auto over_ipv6 = StartHttpEndpoint("[::1]:0", nullptr, [] { return true; });
+  if (!over_ipv6.ok()) GTEST_SKIP() << "this machine has no IPv6";
+  for (const char* host : {"[::1]", "[::]"}) {
+    EXPECT_THAT(CheckHealth(absl::StrCat(host, ":", (*over_ipv6)->port()), absl::Seconds(10)), IsOk());
+  }
+}
+
 TEST(HealthCheckTest, AServerThatIsSilentIsNotHealthy) {
   const int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   sockaddr_in address{};
@@ -140,7 +152,7 @@ TEST(HealthCheckTest, AnAddressNeedsAPort) {
 }
 
 TEST_F(HttpEndpointTest, APortInUseIsAnError) {
-  EXPECT_THAT(HttpEndpoint::Start(absl::StrCat("127.0.0.1:", endpoint_->port()), {}),
+  EXPECT_THAT(StartHttpEndpoint(absl::StrCat("127.0.0.1:", endpoint_->port()), nullptr, nullptr),
               StatusIs(absl::StatusCode::kUnavailable, HasSubstr("cannot listen on")));
 }
 

@@ -2,25 +2,23 @@
 #include "training/report/metrics_port.h"
 
 #include <prometheus/counter.h>
-#include <prometheus/exposer.h>
 #include <prometheus/gauge.h>
 #include <prometheus/registry.h>
 #include <prometheus/text_serializer.h>
 
 #include <cmath>
-#include <exception>
 #include <map>
 
 #include "absl/strings/str_cat.h"
+#include "http/http_server.h"
 
 namespace holdfast {
 namespace {
 
 class PrometheusTraining : public TrainingMetrics {
  public:
-  explicit PrometheusTraining(const std::string& address)
-      : registry_(std::make_shared<prometheus::Registry>()),
-        steps_(Count("holdfast_training_steps_total", "Optimizer steps of this run.")),
+  PrometheusTraining()
+      : steps_(Count("holdfast_training_steps_total", "Optimizer steps of this run.")),
         clips_(Count("holdfast_training_clips_total", "Clips trained on, all processes; its rate is samples/s.")),
         skipped_(Count("holdfast_training_skipped_steps_total", "Steps skipped: the gradient was not finite.")),
         data_wait_(Count("holdfast_training_data_wait_seconds_total", "Time spent waiting for clips.")),
@@ -31,13 +29,17 @@ class PrometheusTraining : public TrainingMetrics {
         norm_(Level("holdfast_training_gradient_norm", "Norm of the last gradient before clipping.")),
         samples_(Level("holdfast_training_skipped_samples", "Damaged samples skipped in this run.")),
         bfloat16_(Level("holdfast_training_bfloat16", "1 while the network runs in bfloat16, 0 in float32.")),
-        loss_(prometheus::BuildGauge().Name("holdfast_training_loss").Help("Last step's loss.").Register(*registry_)),
+        loss_(prometheus::BuildGauge().Name("holdfast_training_loss").Help("Last step's loss.").Register(registry_)),
         validation_(prometheus::BuildGauge()
                         .Name("holdfast_training_validation")
                         .Help("Metrics of the last validation, percent or pixels.")
-                        .Register(*registry_)),
-        exposer_(address, 1) {
-    exposer_.RegisterCollectable(registry_);
+                        .Register(registry_)) {}
+
+  absl::Status ServeAt(const std::string& address) {
+    auto server = HttpServer::Start(address, {{"/metrics", [this] { return MetricsPage(Text()); }}});
+    if (!server.ok()) return server.status();
+    server_ = *std::move(server);
+    return absl::OkStatus();
   }
 
   void StepDone(const StepReport& report) override {
@@ -66,18 +68,18 @@ class PrometheusTraining : public TrainingMetrics {
 
   void Notice(absl::string_view) override {}
 
-  std::string Text() const override { return prometheus::TextSerializer().Serialize(registry_->Collect()); }
-  int port() const override { return exposer_.GetListeningPorts().front(); }
+  std::string Text() const override { return prometheus::TextSerializer().Serialize(registry_.Collect()); }
+  int port() const override { return server_->port(); }
 
  private:
   prometheus::Counter& Count(const char* name, const char* help) {
-    return prometheus::BuildCounter().Name(name).Help(help).Register(*registry_).Add({});
+    return prometheus::BuildCounter().Name(name).Help(help).Register(registry_).Add({});
   }
   prometheus::Gauge& Level(const char* name, const char* help) {
-    return prometheus::BuildGauge().Name(name).Help(help).Register(*registry_).Add({});
+    return prometheus::BuildGauge().Name(name).Help(help).Register(registry_).Add({});
   }
 
-  std::shared_ptr<prometheus::Registry> registry_;
+  prometheus::Registry registry_;
   prometheus::Counter& steps_;
   prometheus::Counter& clips_;
   prometheus::Counter& skipped_;
@@ -91,17 +93,17 @@ class PrometheusTraining : public TrainingMetrics {
   prometheus::Gauge& bfloat16_;
   prometheus::Family<prometheus::Gauge>& loss_;
   prometheus::Family<prometheus::Gauge>& validation_;
-  prometheus::Exposer exposer_;
+  std::unique_ptr<HttpServer> server_;  // last: its thread uses the rest
 };
 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<TrainingMetrics>> TrainingMetrics::Listen(const std::string& address) {
-  try {
-    return std::make_unique<PrometheusTraining>(address);
-  } catch (const std::exception& e) {
-    return absl::UnavailableError(absl::StrCat("cannot serve metrics at ", address, ": ", e.what()));
+  auto metrics = std::make_unique<PrometheusTraining>();
+  if (const absl::Status status = metrics->ServeAt(address); !status.ok()) {
+    return absl::Status(status.code(), absl::StrCat("metrics: ", status.message()));
   }
+  return metrics;
 }
 
 }  // namespace holdfast

@@ -14,7 +14,7 @@ namespace holdfast {
 class TrainingMetrics : public TrainingObserver {
  public:
   // Serves them at http://<address>/metrics. 'address' is host:port; port 0 takes a free one. UNAVAILABLE when the
-  // address cannot be had.
+  // address cannot be had, INVALID_ARGUMENT when it is none.
   static absl::StatusOr<std::unique_ptr<TrainingMetrics>> Listen(const std::string& address);
 
   // As an HTTP client would get them.
