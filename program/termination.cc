@@ -1,15 +1,69 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/termination.h"
 
+#include <fcntl.h>
 #include <poll.h>
-#include <sys/eventfd.h>
-#include <sys/signalfd.h>
 #include <unistd.h>
 
+#include <atomic>
+#include <cerrno>
 #include <csignal>
 #include <utility>
 
 namespace holdfast {
+namespace {
+
+constexpr char kOver = 0;  // no signal's number
+
+// Of a pipe for numbers of signals. Never closed: a handler may be at work on any thread.
+int reading_end = -1;
+std::atomic<int> writing_end{-1};
+static_assert(std::atomic<int>::is_always_lock_free, "a handler may not lock");
+
+// On whichever thread the system chooses, so that it may do little. A pipe that is full drops what comes: there are
+// thousands in it, and the second one ends the process.
+void PassOn(int number) {
+  const int error = errno;
+  const char byte = static_cast<char>(number);
+  const ssize_t written = write(writing_end, &byte, 1);
+  static_cast<void>(written);
+  errno = error;
+}
+
+void OpenPipe() {
+  int ends[2];
+  if (writing_end >= 0 || pipe2(ends, O_CLOEXEC) != 0) return;
+  fcntl(ends[1], F_SETFL, O_NONBLOCK);
+  reading_end = ends[0];
+  writing_end = ends[1];
+}
+
+// Waits for the next number. In poll, where ThreadSanitizer lets handlers run; in read it puts them off.
+char NextNumber() {
+  pollfd end = {reading_end, POLLIN, 0};
+  while (poll(&end, 1, -1) < 0 && errno == EINTR) {
+  }
+  char number = kOver;
+  return read(reading_end, &number, 1) == 1 ? number : kOver;
+}
+
+sigset_t TheSignals() {
+  sigset_t set;
+  sigemptyset(&set);
+  sigaddset(&set, SIGINT);
+  sigaddset(&set, SIGTERM);
+  return set;
+}
+
+void Handle(int number) {
+  struct sigaction action {};
+  action.sa_handler = PassOn;
+  action.sa_mask = TheSignals();
+  action.sa_flags = SA_RESTART;
+  sigaction(number, &action, nullptr);
+}
+
+}  // namespace
 
 bool StopSignal::Stop(int signal) {
   int none = 0;
@@ -31,32 +85,24 @@ void StopSignal::SetCallback(std::function<void()> on_stop) {
 }
 
 TerminationWatcher::TerminationWatcher(StopSignal& stop) : stop_(stop) {
-  sigset_t set;
-  sigemptyset(&set);
-  sigaddset(&set, SIGINT);
-  sigaddset(&set, SIGTERM);
+  const sigset_t set = TheSignals();
   pthread_sigmask(SIG_BLOCK, &set, nullptr);
-  signals_ = signalfd(-1, &set, SFD_CLOEXEC);
-  over_ = eventfd(0, EFD_CLOEXEC);
+  OpenPipe();
+  Handle(SIGINT);
+  Handle(SIGTERM);
   thread_ = std::thread([this] { Watch(); });
 }
 
 TerminationWatcher::~TerminationWatcher() {
-  const uint64_t one = 1;
-  const ssize_t written = write(over_, &one, sizeof(one));
-  static_cast<void>(written);  // an eventfd takes one write
+  PassOn(kOver);
   thread_.join();
-  close(signals_);
-  close(over_);
 }
 
 void TerminationWatcher::Watch() {
-  pollfd events[] = {{signals_, POLLIN, 0}, {over_, POLLIN, 0}};
-  while (poll(events, 2, -1) >= 0 && (events[1].revents & POLLIN) == 0) {
-    signalfd_siginfo info;
-    if (read(signals_, &info, sizeof(info)) != sizeof(info)) continue;
-    const int signal = static_cast<int>(info.ssi_signo);
-    if (!stop_.Stop(signal)) _exit(SignalExitCode(signal));
+  const sigset_t set = TheSignals();
+  pthread_sigmask(SIG_UNBLOCK, &set, nullptr);
+  while (const char number = NextNumber()) {
+    if (!stop_.Stop(number)) _exit(SignalExitCode(number));
   }
 }
 

@@ -36,8 +36,9 @@ class StopSignal {
 constexpr int SignalExitCode(int signal) { return 128 + signal; }
 
 // Turns SIGINT and SIGTERM of this process into a StopSignal. One that nobody listens to ends the process at once with
-// SignalExitCode, and so does the second one. Construct it before any thread is started: these inherit that the signals
-// are blocked. One object a process.
+// SignalExitCode, and so does the second one. Construct it before the program's own threads are started: these inherit
+// that the signals are blocked, and no call of theirs is interrupted. Threads of libraries, which may be there before,
+// pass the signals on. One object at a time.
 class TerminationWatcher {
  public:
   // 'stop' must outlive the watcher.
@@ -48,8 +49,6 @@ class TerminationWatcher {
   void Watch();
 
   StopSignal& stop_;
-  int signals_ = -1;  // file descriptors
-  int over_ = -1;
   std::thread thread_;
 };
 

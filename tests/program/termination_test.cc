@@ -2,6 +2,8 @@
 #include "program/termination.h"
 
 #include <gtest/gtest.h>
+#include <poll.h>
+#include <sys/eventfd.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -111,6 +113,32 @@ TEST(TerminationWatcherTest, WhereOneHasGoneAwayTheNextOneGetsTheSignals) {
   stopped.WaitForNotification();
   EXPECT_EQ(late.signal(), SIGTERM);
   EXPECT_FALSE(early.stopped());
+}
+
+// As those of libraries, which start threads before main.
+TEST(TerminationWatcherTest, AThreadThatWasThereBeforePassesSignalsOn) {
+  absl::Notification running;
+  const int over = eventfd(0, EFD_CLOEXEC);
+  std::thread early([&running, over] {
+    sigset_t set;
+    sigfillset(&set);
+    pthread_sigmask(SIG_UNBLOCK, &set, nullptr);
+    running.Notify();
+    pollfd end = {over, POLLIN, 0};
+    while (poll(&end, 1, -1) < 0) {
+    }
+  });
+  running.WaitForNotification();
+  StopSignal stop;
+  absl::Notification stopped;
+  stop.SetCallback([&stopped] { stopped.Notify(); });
+  const TerminationWatcher watcher(stop);
+  pthread_kill(early.native_handle(), SIGTERM);
+  stopped.WaitForNotification();
+  EXPECT_EQ(stop.signal(), SIGTERM);
+  eventfd_write(over, 1);
+  early.join();
+  close(over);
 }
 
 }  // namespace
