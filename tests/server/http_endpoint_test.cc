@@ -63,13 +63,6 @@ class HttpEndpointTest : public ::testing::Test {
 
 TEST_F(HttpEndpointTest, BindsAFreePort) { EXPECT_GT(endpoint_->port(), 0); }
 
-TEST_F(HttpEndpointTest, AnAddressWithoutAHostIsEveryOne) {
-  const auto everywhere = HttpEndpoint::Start(":0", {[] { return std::string(); }, [] { return true; }});
-  ASSERT_THAT(everywhere, IsOk());
-  EXPECT_THAT(Get((*everywhere)->port(), "/healthz"), StartsWith("HTTP/1.1 200"));
-  EXPECT_THAT(CheckHealth(absl::StrCat(":", (*everywhere)->port()), absl::Seconds(10)), IsOk());
-}
-
 TEST_F(HttpEndpointTest, ServesMetrics) {
   EXPECT_THAT(
       Get(endpoint_->port(), "/metrics"),
