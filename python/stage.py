@@ -10,11 +10,27 @@ import argparse
 import pathlib
 import shutil
 import subprocess
+import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
 PROTO = HERE.parent / "proto"
 PACKAGE = "holdfast_client"
 PROTOCOL = f"{PACKAGE}/_proto"  # a name of its own: who has generated holdfast/v1 too is not disturbed
+
+
+def compile_protocol(directory, protoc):
+    """The pool of a process knows each full name once, so the messages have a package of their own too. What is sent
+    does not name it: only services are called by their package."""
+    text = (PROTO / "holdfast" / "v1" / "point_tracking.proto").read_text(encoding="utf-8")
+    package = "package holdfast.v1;"
+    assert text.count(package) == 1
+    with tempfile.TemporaryDirectory() as sources:
+        source = pathlib.Path(sources) / "point_tracking.proto"
+        source.write_text(text.replace(package, f"package {PACKAGE}.v1;"), encoding="utf-8")
+        subprocess.run([protoc, f"--proto_path={PROTOCOL}={sources}", f"--proto_path={PROTO}",
+                        f"--python_out={directory}", f"--pyi_out={directory}", f"{PROTOCOL}/point_tracking.proto"],
+                       check=True)
+    (directory / PROTOCOL / "__init__.py").touch()
 
 
 def stage(directory, protoc, google):
@@ -24,10 +40,7 @@ def stage(directory, protoc, google):
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(HERE / name, directory)
     shutil.copy(HERE.parent / "LICENSE", directory)
-    protocol = [f"--proto_path={PROTOCOL}={PROTO / 'holdfast' / 'v1'}", f"--proto_path={PROTO}"]
-    subprocess.run([protoc, *protocol, f"--python_out={directory}", f"--pyi_out={directory}",
-                    f"{PROTOCOL}/point_tracking.proto"], check=True)
-    (directory / PROTOCOL / "__init__.py").touch()
+    compile_protocol(directory, protoc)
     if google:
         subprocess.run([protoc, f"--proto_path={PROTO}", f"--python_out={directory}", f"--pyi_out={directory}",
                         "google/rpc/status.proto", "google/rpc/error_details.proto"], check=True)
