@@ -2,6 +2,7 @@
 """Frames and points in the forms that callers have them, for the protocol."""
 from __future__ import annotations
 
+import functools
 import importlib
 import io
 import struct
@@ -20,7 +21,9 @@ _JPEG_SCAN = 0xda
 _QUALITY = 95
 
 
+@functools.lru_cache(maxsize=None)
 def _optional(name: str) -> Any:
+    """None where it is not installed or does not load, which Python would try anew at every frame."""
     try:
         return importlib.import_module(name)
     except ImportError:
