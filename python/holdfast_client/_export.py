@@ -75,17 +75,21 @@ def _body_parts(tracks: Tracks, names: Mapping[int, str]) -> list[str]:
     return parts
 
 
-def write_cvat_xml(tracks: Tracks, path: Path, names: Mapping[int, str], size: tuple[int, int] | None) -> None:
+def write_cvat_xml(tracks: Tracks, path: Path, names: Mapping[int, str], size: tuple[int, int] | None,
+                   frames: int) -> None:
     """CVAT for video 1.1: a track a point, with a shape for each frame on which it is known. CVAT does not import a
-    file with a track that has no shape: a point that is known on none is left out, with its label."""
+    file with a track that has no shape: a point that is known on none is left out, with its label. `frames`: of the
+    video."""
+    if frames < tracks.frames:
+        raise ValueError(f"frames is {frames}, but {tracks.frames} were tracked")
     labels = {row: _label(names.get(int(point), ""), int(point))
               for row, point in enumerate(tracks.ids) if not np.isnan(tracks.xy[row, :, 0]).all()}
     with open(path, "w", newline="\n", encoding="utf-8") as file:
         file.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n<version>1.1</version>\n')
-        file.write(_cvat_meta(sorted(set(labels.values())), tracks.frames, size))
+        file.write(_cvat_meta(sorted(set(labels.values())), frames, size))
         for row, label in labels.items():
             file.write(f'<track id="{tracks.ids[row]}" label="{label}" source="auto">\n')
-            file.writelines(_cvat_shapes(tracks, row, size))
+            file.writelines(_cvat_shapes(tracks, row, size, frames))
             file.write("</track>\n")
         file.write("</annotations>\n")
 
@@ -104,7 +108,7 @@ def _cvat_meta(labels: list[str], frames: int, size: tuple[int, int] | None) -> 
             "</labels></task></meta>\n")
 
 
-def _cvat_shapes(tracks: Tracks, row: int, size: tuple[int, int] | None) -> Iterator[str]:
+def _cvat_shapes(tracks: Tracks, row: int, size: tuple[int, int] | None, frames: int) -> Iterator[str]:
     """A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside."""
     before = None
     for frame, (x, y) in enumerate(tracks.xy[row]):
@@ -116,6 +120,8 @@ def _cvat_shapes(tracks: Tracks, row: int, size: tuple[int, int] | None) -> Iter
         elif before is not None:
             yield f'  <points frame="{frame}" keyframe="1" outside="1" {before}'
             before = None
+    if before is not None and frames > tracks.frames:
+        yield f'  <points frame="{tracks.frames}" keyframe="1" outside="1" {before}'
 
 
 def _escaped(text: str) -> str:

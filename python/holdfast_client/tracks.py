@@ -103,12 +103,13 @@ class Tracks:
         write_dlc_csv(self, path, scorer, names or {})
 
     def to_cvat_xml(self, path: Path, size: tuple[int, int] | None = None,
-                    names: Mapping[int, str] | None = None) -> None:
+                    names: Mapping[int, str] | None = None, frames: int | None = None) -> None:
         """Writes annotations of the format CVAT for video 1.1. `names`: the label of points by id, otherwise "point";
         the task has to have these labels. Every frame is a keyframe; hidden points are occluded; a point is outside
-        where nothing is known any more, and beyond `size` (width, height of the video) if that is given. (0, 0) stays
+        where nothing is known any more, and beyond `size` (width, height of the video) if that is given. `frames`: of
+        the video, where only its first ones were tracked; CVAT would keep the last shapes on the others. (0, 0) stays
         the centre of the first pixel. `holdfast track --out=x.xml` writes the same file."""
-        write_cvat_xml(self, path, names or {}, size)
+        write_cvat_xml(self, path, names or {}, size, self.frames if frames is None else frames)
 
     def show(self, frame: Frame | None = None, at: int = -1, trail: int = 30) -> Picture:
         """A picture for notebooks: positions at frame number `at` (negative: from the end), with trails of so many

@@ -154,6 +154,17 @@ class FilesTest(unittest.TestCase):
         self.assertIsNone(root.find("meta/task/original_size"))
         self.assertEqual([shape.get("outside") for shape in root.findall("track/points")], list("0000" + "0001"))
 
+    def test_shapes_end_where_only_the_first_frames_of_a_video_were_tracked(self):
+        self.tracks.to_cvat_xml(self.path, frames=8)
+        root = xml.parse(self.path).getroot()
+        self.assertEqual(root.find("meta/task/size").text, "8")
+        nose, tail = [[(shape.get("frame"), shape.get("outside")) for shape in track.iter("points")]
+                      for track in root.iter("track")]
+        self.assertEqual(nose, [("1", "0"), ("2", "0"), ("3", "0"), ("4", "0"), ("5", "1")])
+        self.assertEqual(tail, [("0", "0"), ("1", "0"), ("2", "0"), ("3", "1")])
+        with self.assertRaisesRegex(ValueError, "frames is 4, but 5 were tracked"):
+            self.tracks.to_cvat_xml(self.path, frames=4)
+
 
 class PictureTest(unittest.TestCase):
     def setUp(self):
