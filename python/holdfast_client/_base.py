@@ -14,7 +14,7 @@ from . import errors
 from ._channel import Tls, addresses_of, metadata_of, open_channel
 from ._frames import Frame, FrameCodec, Points, size_of, to_points
 from ._objects import Objects, Placement, to_objects
-from ._plan import Reconnect, Route
+from ._plan import CallFailed, Reconnect, Route
 from ._proto import point_tracking_pb2 as pb
 from ._session import SessionState, Update
 from .tracks import Tracks
@@ -117,6 +117,10 @@ class BaseSession:
         update = self._state.take(response)
         if update is not None and (update.runs or update.objects or update.frames_processed > known):
             self._updates.append(update)
+
+    def _is_told_all(self, failed: CallFailed) -> bool:
+        """Whether only the end of the call was lost: the summary, which comes last, is there."""
+        return failed.lost and self._state.summary is not None
 
     def _take_updates(self) -> list[Update]:
         updates, self._updates = self._updates, []

@@ -190,8 +190,10 @@ class Session(BaseSession):
             if self._route.accepted():
                 self.on_resumed(address)
             await self._follow(responses, address)
-        except grpc.RpcError as failed:
-            raise judge(failed, address, accepted=self._route.following) from None
+        except grpc.RpcError as error:
+            failed = judge(error, address, accepted=self._route.following)
+            if not self._is_told_all(failed):
+                raise failed from None
         finally:
             self._call = None
             call.cancel()

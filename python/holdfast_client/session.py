@@ -215,7 +215,9 @@ class Session(BaseSession):
                     self._take(response)
                     self._changed.notify_all()
         except grpc.RpcError:
-            raise judge(self._call, address, accepted=True) from None
+            failed = judge(self._call, address, accepted=True)
+            if not self._is_told_all(failed):
+                raise failed from None
         finally:
             self._end_call()
         if self._state.summary is None:
