@@ -85,6 +85,21 @@ def _jpeg_size(file: bytes) -> tuple[int, int] | None:
     return None
 
 
+_KINDS = {pb.FRAME_ENCODING_JPEG: "a JPEG file", pb.FRAME_ENCODING_PNG: "a PNG file",
+          pb.FRAME_ENCODING_RGB24: "an array [H, W, 3]", pb.FRAME_ENCODING_GRAY8: "an array [H, W]"}
+_NO_ENCODER = "an array can be sent as JPEG only where OpenCV (cv2) or Pillow is installed"
+
+
+def _file_encoding(file: bytes) -> pb.FrameEncoding:
+    if not file.startswith((_JPEG, _PNG)):
+        raise ValueError(f"a frame's bytes are neither JPEG nor PNG: they begin with {file[:8]!r}")
+    return pb.FRAME_ENCODING_JPEG if file.startswith(_JPEG) else pb.FRAME_ENCODING_PNG
+
+
+def _raw_encoding(picture: np.ndarray) -> pb.FrameEncoding:
+    return pb.FRAME_ENCODING_GRAY8 if picture.ndim == 2 else pb.FRAME_ENCODING_RGB24
+
+
 class FrameCodec:
     """How all frames of a session are sent, as the first one decides: files as they are, arrays as JPEG or raw."""
 
@@ -93,31 +108,38 @@ class FrameCodec:
             raise ValueError(f"encoding is {encoding!r}, expected 'auto', 'jpeg' or 'raw'")
         self.raw_size: tuple[int, int] | None = None
         if isinstance(first, bytes):
-            if not first.startswith((_JPEG, _PNG)):
-                raise ValueError(f"a frame's bytes are neither JPEG nor PNG: they begin with {first[:8]!r}")
-            self.encoding = pb.FRAME_ENCODING_JPEG if first.startswith(_JPEG) else pb.FRAME_ENCODING_PNG
+            self.encoding = _file_encoding(first)
             return
         picture = check_picture(first)
         if encoding != "raw" and _encode_jpeg(picture[:1, :1]) is not None:
             self.encoding = pb.FRAME_ENCODING_JPEG
             return
         if encoding == "jpeg":
-            raise ImportError("encoding is 'jpeg', which needs OpenCV (cv2) or Pillow")
-        self.encoding = pb.FRAME_ENCODING_GRAY8 if picture.ndim == 2 else pb.FRAME_ENCODING_RGB24
+            raise ImportError(f"encoding is 'jpeg': {_NO_ENCODER}")
+        self.encoding = _raw_encoding(picture)
         self.raw_size = (picture.shape[1], picture.shape[0])
 
     def data(self, frame: Frame) -> bytes:
+        """ValueError where a frame cannot be sent as the first one was."""
         if isinstance(frame, bytes):
+            self._check(_file_encoding(frame))
             return frame
         picture = check_picture(frame)
-        if self.raw_size is None:
+        if self.encoding == pb.FRAME_ENCODING_JPEG:
             encoded = _encode_jpeg(picture)
-            assert encoded is not None
+            if encoded is None:
+                raise ImportError(_NO_ENCODER)
             return encoded
+        self._check(_raw_encoding(picture))
+        assert self.raw_size is not None
         if picture.shape[1::-1] != self.raw_size:
             raise ValueError(f"a frame is {picture.shape[1]}x{picture.shape[0]}, the first one was "
                              f"{self.raw_size[0]}x{self.raw_size[1]}")
         return picture.tobytes()
+
+    def _check(self, encoding: pb.FrameEncoding) -> None:
+        if encoding != self.encoding:
+            raise ValueError(f"a frame is {_KINDS[encoding]}, the first one was sent as {_KINDS[self.encoding]}")
 
 
 def to_points(points: Points, first_id: int = 0) -> list[pb.Point]:
