@@ -12,7 +12,8 @@ import numpy as np
 
 from ._proto import point_tracking_pb2 as pb
 
-# A mask: bool or uint8 [H, W], not zero where the object is, or the bytes of such a PNG. Or the corners of a polygon.
+# A mask: bool or uint8 [H, W], not zero where the object is, or the bytes of such a PNG. Or the corners of a polygon,
+# which is what uint8 [N, 2] is taken for: a mask of a frame two pixels wide has to be bool.
 Shape = Union[bytes, np.ndarray, Sequence[Sequence[float]]]
 Objects = Mapping[int, Shape]
 
@@ -62,7 +63,7 @@ def _to_object(key: int, shape: Shape, placement: Placement) -> pb.Object:
         array = np.asarray(shape)
     except ValueError:
         raise ValueError(f"object {key} is {shape!r:.80}, {expected}") from None
-    if array.ndim == 2 and array.dtype in (np.bool_, np.uint8):
+    if array.ndim == 2 and (array.dtype == np.bool_ or (array.dtype == np.uint8 and array.shape[1] != 2)):
         made.mask_png = _png(array)
         return made
     if array.ndim != 2 or array.shape[1] != 2:
