@@ -21,8 +21,15 @@ class Stopped(Exception):
     """The user has had enough."""
 
 
+def picture(frame):
+    """uint8 [H, W] or [H, W, 3] of a frame that may have one channel, or opacity for a fourth."""
+    if frame.ndim == 3:
+        frame = frame[..., 0] if frame.shape[2] == 1 else frame[..., :3]
+    return np.ascontiguousarray(frame)
+
+
 class Watched(Sequence):
-    """A video [T, H, W, C] whose user sees how far it was read, and may stop that."""
+    """A video [T, H, W] or [T, H, W, C] whose user sees how far it was read, and may stop that."""
 
     def __init__(self, video, progress, stopped):
         self.video, self.progress, self.stopped = video, progress, stopped
@@ -34,7 +41,7 @@ class Watched(Sequence):
         if self.stopped():
             raise Stopped
         self.progress(index, len(self.video))
-        return np.ascontiguousarray(self.video[index][..., :3], np.uint8)
+        return picture(self.video[index])
 
 
 @register_backbone(NAME)
@@ -49,9 +56,13 @@ class Holdfast(TrackingModel):
         return Client(os.environ.get("HOLDFAST_SERVER", "localhost:50051"))
 
     def prepare_inputs(self, cfg, **kwargs):
-        """Key points come as napari has them, frame and then rows before columns; a server takes x before y."""
+        """Key points come as napari has them, frame and then rows before columns; a server takes x before y. What is
+        black and what is white in a video of another type than uint8, only its user knows."""
+        video = np.asarray(cfg.video)
+        if video.dtype != np.uint8:
+            raise ValueError(f"the video is {video.dtype}, expected uint8: scale it to 0 .. 255")
         keypoints = np.asarray(cfg.keypoints, float)[:, [0, 2, 1]]
-        return TrackingModelInputs(video=np.asarray(cfg.video), keypoints=keypoints,
+        return TrackingModelInputs(video=video, keypoints=keypoints,
                                    metadata={"keypoint_range": cfg.keypoint_range})
 
     def run(self, inputs, progress_callback, stop_callback, **kwargs):

@@ -96,11 +96,11 @@ class ExamplesTest(support.ServedTest, unittest.TestCase):
                 self.addCleanup(example.client.close)
         return example
 
-    def run_in_napari(self, backward, queried=0, stop=lambda: False):
+    def run_in_napari(self, backward, queried=0, stop=lambda: False, video=COLOUR):
         trackers, progress = {}, []
         self.load("napari/holdfast_backbone.py", napari(trackers))
         keypoints = np.column_stack([np.full(len(POINTS), queried), POINTS[:, ::-1]])  # frame, row, column
-        worker = TrackingWorkerData("Holdfast", COLOUR[::-1] if backward else COLOUR, keypoints, ["a", "b", "c"],
+        worker = TrackingWorkerData("Holdfast", video[::-1] if backward else video, keypoints, ["a", "b", "c"],
                                     (100, 100 + FRAMES), backward)
         with mock.patch.dict(os.environ, HOLDFAST_SERVER=self.server.address):
             tracker = trackers["Holdfast"](worker)
@@ -129,6 +129,18 @@ class ExamplesTest(support.ServedTest, unittest.TestCase):
         rows = self.run_in_napari(backward=False, queried=10)
         np.testing.assert_allclose(rows[10, :, 1:], POINTS[:, ::-1], atol=1e-3)
         self.assertFalse(np.isnan(rows).any())
+
+    def test_napari_has_grey_videos_too(self):
+        grey = np.stack(PICTURES)
+        opaque = np.concatenate([COLOUR, np.full_like(COLOUR[..., :1], 255)], axis=3)
+        for video in (grey, grey[..., None], opaque):
+            rows = self.run_in_napari(backward=False, video=video)
+            np.testing.assert_allclose(rows[20, :, 1:], POINTS[:, ::-1] + [0, 20], atol=1.5)
+
+    def test_napari_says_that_a_video_has_to_be_scaled(self):
+        for video in (COLOUR / 255, COLOUR.astype(np.uint16) * 256):
+            with self.assertRaisesRegex(ValueError, f"the video is {video.dtype}, expected uint8: scale it"):
+                self.run_in_napari(backward=False, video=video)
 
     def test_a_user_of_napari_may_stop(self):
         answers = iter([False] * 5)
