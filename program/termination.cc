@@ -38,10 +38,11 @@ void OpenPipe() {
   writing_end = ends[1];
 }
 
-// Waits for the next number. In poll, where ThreadSanitizer lets handlers run; in read it puts them off.
-char NextNumber() {
+// Waits for the next number, and lets the signals through only while it does: one that comes a moment before waits
+// outside, and ThreadSanitizer, which puts handlers off elsewhere, runs them there.
+char NextNumber(const sigset_t& blocked) {
   pollfd end = {reading_end, POLLIN, 0};
-  while (poll(&end, 1, -1) < 0 && errno == EINTR) {
+  while (ppoll(&end, 1, nullptr, &blocked) < 0 && errno == EINTR) {
   }
   char number = kOver;
   return read(reading_end, &number, 1) == 1 ? number : kOver;
@@ -99,9 +100,11 @@ TerminationWatcher::~TerminationWatcher() {
 }
 
 void TerminationWatcher::Watch() {
-  const sigset_t set = TheSignals();
-  pthread_sigmask(SIG_UNBLOCK, &set, nullptr);
-  while (const char number = NextNumber()) {
+  sigset_t blocked;
+  pthread_sigmask(SIG_BLOCK, nullptr, &blocked);
+  sigdelset(&blocked, SIGINT);
+  sigdelset(&blocked, SIGTERM);
+  while (const char number = NextNumber(blocked)) {
     if (!stop_.Stop(number)) _exit(SignalExitCode(number));
   }
 }
