@@ -18,6 +18,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 #include "client/cli/declared_length.h"
+#include "client/cli/upright.h"
 
 namespace holdfast {
 namespace {
@@ -171,8 +172,9 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::s
   const absl::StatusOr<double> rate = FpsOf(input, fps);
   if (!rate.ok()) return rate.status();
   const VideoExtent extent(input, std::llround(frames), seconds);
+  const Turn turn = TakeOverTurn(input, *capture);
   return std::unique_ptr<FrameSource>(
-      new FrameSource(input, ReaderOf(input, capture, extent), *rate, std::llround(frames)));
+      new FrameSource(input, ReaderOf(input, capture, turn, extent), *rate, std::llround(frames)));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const std::string& input) {
@@ -207,12 +209,12 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::
   auto capture = std::make_shared<cv::VideoCapture>();
   if (!capture->open(device, cv::CAP_V4L2))
     return absl::NotFoundError(absl::StrCat(input, ": no camera answers there"));
-  return std::unique_ptr<FrameSource>(
-      new FrameSource(input, ReaderOf(input, capture, VideoExtent(input, 0, 0)), capture->get(cv::CAP_PROP_FPS), 0));
+  return std::unique_ptr<FrameSource>(new FrameSource(input, ReaderOf(input, capture, {}, VideoExtent(input, 0, 0)),
+                                                      capture->get(cv::CAP_PROP_FPS), 0));
 }
 
 FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture,
-                                          const VideoExtent& length) {
+                                          const Turn& turn, const VideoExtent& length) {
   const auto extent = std::make_shared<VideoExtent>(length);
   const auto advance = [input, capture, extent]() -> absl::StatusOr<bool> {
     absl::StatusOr<bool> grabbed = WithoutException(input, [&] { return capture->grab(); });
@@ -224,11 +226,12 @@ FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::s
     }
     return grabbed;
   };
-  const auto retrieve = [input, capture] {
-    return WithoutException(input, [&capture] {
+  const auto retrieve = [input, capture, turn] {
+    return WithoutException(input, [&] {
       cv::Mat frame;
       capture->retrieve(frame);
-      return frame.clone();  // the next frame reuses the memory
+      const cv::Mat turned = Turned(frame, turn);
+      return turned.data == frame.data ? frame.clone() : turned;  // the next frame reuses the memory
     });
   };
   return {advance, retrieve, [extent] { return extent->Doubt(); }};

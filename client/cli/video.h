@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "api/types.h"
+#include "client/cli/upright.h"
 
 namespace holdfast {
 
@@ -24,8 +25,8 @@ class FrameSource {
   // error here.
   static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input, int64_t first_frame = 0);
 
-  // [H, W, 3] uint8 BGR, all of the same size; empty after the last frame. DATA_LOSS for a broken frame and for a file
-  // that is cut off: it has fewer bytes and fewer frames than its container says.
+  // [H, W, 3] uint8 BGR, upright, all of the same size; empty after the last frame. DATA_LOSS for a broken frame and
+  // for a file that is cut off: it has fewer bytes and fewer frames than its container says.
   absl::StatusOr<cv::Mat> Next();
   // Passes over the frame that Next would give, in a fraction of the time; false where there is none.
   absl::StatusOr<bool> Skip();
@@ -52,7 +53,7 @@ class FrameSource {
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenVideo(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenDirectory(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenCamera(const std::string& input);
-  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture,
+  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture, const Turn& turn,
                          const VideoExtent& length);
   absl::Status ReadFirst(int64_t frame);
   absl::StatusOr<cv::Mat> Read();

@@ -34,6 +34,8 @@ int main(int argc, char** argv) {
 
   const std::string input = argv[2];
   cv::VideoCapture video = input == "camera" ? cv::VideoCapture(0) : cv::VideoCapture(input);
+  // Pictures as they are stored, which is what X and Y are of: versions of OpenCV turn those of phones differently.
+  video.set(cv::CAP_PROP_ORIENTATION_AUTO, 0);
   holdfast::SessionConfig config;
   config.frame_size = {static_cast<int>(video.get(cv::CAP_PROP_FRAME_WIDTH)),
                        static_cast<int>(video.get(cv::CAP_PROP_FRAME_HEIGHT))};

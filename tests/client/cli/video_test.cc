@@ -114,6 +114,57 @@ TEST(FrameSourceTest, AnMp4WithoutItsEndIsAnErrorWhereItsIndexComesFirst) {
   EXPECT_THAT(FramesLeft(**source), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("of 160 frames")));
 }
 
+// 64x48, with a red upper left corner, and the matrix {a, b, u, c, d, v, x, y, w} of its track replaced: what it is
+// worth is behind 40 bytes of the track's header.
+void WriteTurnedVideo(const std::string& path, const std::vector<int>& matrix) {
+  cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc('a', 'v', 'c', '1'), 10, {64, 48});
+  cv::Mat picture(48, 64, CV_8UC3, cv::Scalar::all(0));
+  picture(cv::Rect(0, 0, 32, 24)).setTo(cv::Scalar(0, 0, 255));
+  for (int i = 0; i < 3; ++i) writer.write(picture);
+  writer.release();
+  std::string bytes = BytesOf(path);
+  const size_t at = bytes.find("tkhd") + 4 + 40;
+  for (size_t i = 0; i < 4; ++i) {
+    const size_t entry = std::vector<size_t>{0, 1, 3, 4}[i];
+    const auto value = static_cast<uint32_t>(matrix[i] * 65536);
+    for (size_t byte = 0; byte < 4; ++byte) bytes[at + 4 * entry + byte] = static_cast<char>(value >> (24 - 8 * byte));
+  }
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+// What phones write for a picture that was taken upright, upside down, or by a camera that sees its owner.
+TEST(FrameSourceTest, VideosAreTurnedAsTheirTrackSays) {
+  struct Case {
+    std::string name;
+    std::vector<int> matrix;  // {a, b, c, d}
+    cv::Point red;            // the corner it comes to, of two by two
+  };
+  const TempDir dir;
+  for (const Case& turn : std::vector<Case>{{"as stored", {1, 0, 0, 1}, {0, 0}},
+                                            {"90 degrees clockwise", {0, 1, -1, 0}, {1, 0}},
+                                            {"180 degrees", {-1, 0, 0, -1}, {1, 1}},
+                                            {"270 degrees clockwise", {0, -1, 1, 0}, {0, 1}},
+                                            {"left is right", {-1, 0, 0, 1}, {1, 0}},
+                                            {"top is bottom", {1, 0, 0, -1}, {0, 1}},
+                                            {"transposed", {0, 1, 1, 0}, {0, 0}},
+                                            {"transposed the other way", {0, -1, -1, 0}, {1, 1}}}) {
+    WriteTurnedVideo(dir.File("a.mp4"), turn.matrix);
+    const auto source = FrameSource::Open(dir.File("a.mp4"));
+    ASSERT_THAT(source, IsOk()) << turn.name;
+    const bool sides_change = turn.matrix[0] == 0;
+    EXPECT_EQ((*source)->size(), sides_change ? (ImageSize{48, 64}) : (ImageSize{64, 48})) << turn.name;
+    const auto frame = (*source)->Next();
+    ASSERT_THAT(frame, IsOk()) << turn.name;
+    for (int y = 0; y < 2; ++y) {
+      for (int x = 0; x < 2; ++x) {
+        const int value =
+            frame->at<cv::Vec3b>(frame->rows / 4 + y * frame->rows / 2, frame->cols / 4 + x * frame->cols / 2)[2];
+        EXPECT_EQ(value > 127, turn.red == cv::Point(x, y)) << turn.name << ", at " << x << ", " << y;
+      }
+    }
+  }
+}
+
 TEST(FrameSourceTest, RatesOfHighSpeedCamerasAreTaken) {
   const TempDir dir;
   for (const double fps : {999.0, 1000.0, 4000.0}) {
