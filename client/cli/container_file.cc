@@ -6,8 +6,10 @@
 
 namespace holdfast {
 
-ContainerFile::ContainerFile(const std::string& path) : file_(path, std::ios::binary) {
+ContainerFile::ContainerFile(const std::string& path) {
   std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return;  // a pipe is read once
+  file_.open(path, std::ios::binary);
   const uintmax_t size = std::filesystem::file_size(path, error);
   size_ = error ? 0 : size;
 }

@@ -3,10 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <string>
-#include <system_error>
 
 #include "absl/strings/match.h"
 #include "absl/strings/string_view.h"
@@ -78,8 +76,6 @@ bool LacksEndOfMatroska(ContainerFile& file) {
 }  // namespace
 
 bool LacksItsEnd(const std::string& path) {
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(path, ignored)) return false;
   ContainerFile file(path);
   const std::string head = file.Read(0, kEbml.size());
   if (absl::StartsWith(head, kEbml)) return LacksEndOfMatroska(file);

@@ -19,7 +19,7 @@ struct InputFrame {
   int64_t number = 0;                      // in the input
   cv::Mat picture;                         // [H, W, 3] uint8 BGR; empty behind the last frame
   std::optional<absl::Time> capture_time;  // of a live input: when the frame was read
-  std::string doubt;                       // behind the last frame: as FrameSource::doubt
+  std::string doubt;                       // as FrameSource::doubt
 };
 
 // Reads the chosen frames of an input, a few ahead, on a thread of its own, so that whoever waits for a camera that

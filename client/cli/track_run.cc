@@ -223,8 +223,8 @@ class TrackRun final : public TrackObserver {
     Frame frame;
     absl::StatusOr<InputFrame> input = reader_.Next();
     if (!input.ok()) return input.status();
+    doubt_ = input->doubt;
     if (input->picture.empty()) {
-      doubt_ = input->doubt;
       return frame;
     }
     absl::StatusOr<std::string> bytes = encoder_.Encode(input->picture);
@@ -366,7 +366,7 @@ class TrackRun final : public TrackObserver {
   const SystemClock clock_;
   AnswerTimes answers_;
   absl::Status input_error_;       // of the main thread
-  std::string doubt_;              // of the main thread; about the input's end
+  std::string doubt_;              // of the main thread; about the input
   std::atomic<bool> over_{false};  // no more frames are wanted
 
   absl::Mutex mutex_;

@@ -4,10 +4,8 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <filesystem>
 #include <opencv2/core/version.hpp>
 #include <optional>
-#include <system_error>
 
 #include "client/cli/container_file.h"
 
@@ -93,8 +91,6 @@ cv::Mat Turned(const cv::Mat& picture, const Turn& turn) {
 Turn TakeOverTurn(const std::string& input, cv::VideoCapture& capture) {
   capture.set(cv::CAP_PROP_ORIENTATION_AUTO, 0);
   if (capture.get(cv::CAP_PROP_ORIENTATION_AUTO) != 0) return {};  // OpenCV still turns them
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(input, ignored)) return TurnOfCapture(capture);
   ContainerFile file(input);
   if (!IsMp4(file)) return TurnOfCapture(capture);
   const auto header = HeaderOfFirstVideo(file);

@@ -17,6 +17,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
+#include "api/clock.h"
+#include "client/cli/container_file.h"
 #include "client/cli/declared_length.h"
 #include "client/cli/upright.h"
 
@@ -26,8 +28,10 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kDefaultFps = 30;
-constexpr double kMostFps = 20'000;    // of high-speed cameras
-constexpr double kDoubtfulFps = 1000;  // from here on FFmpeg may give a clock's ticks for a rate
+constexpr double kMostFps = 20'000;                     // of high-speed cameras
+constexpr double kDoubtfulFps = 1000;                   // from here on FFmpeg may give a clock's ticks for a rate
+constexpr int kAttempts = 64;                           // to find a picture behind damaged ones
+constexpr absl::Duration kPatience = absl::Seconds(1);  // with an input that may wait for each of them
 constexpr char kCameraPrefix[] = "camera:";
 
 bool IsPicture(const fs::path& path) {
@@ -93,6 +97,23 @@ double MeasuredFps(const std::string& input) {
   return last > 0 ? steps / last : 0;
 }
 
+// Whether there is a next frame. One that cannot be decoded looks like the end, but further ones come behind it.
+bool Grab(cv::VideoCapture& capture, bool live, bool* damaged) {
+  if (capture.grab()) return true;
+  const SystemClock clock;
+  const SteadyTime failed = clock.SteadyNow();
+  for (int i = 0; i < kAttempts && (!live || clock.Since(failed) < kPatience); ++i) {
+    if (capture.grab()) return *damaged = true;
+  }
+  return false;
+}
+
+// Whether OpenCV has the number of frames from the container, and not from its length and rate.
+bool CountsItsFrames(const std::string& input) {
+  ContainerFile file(input);
+  return IsMp4(file) || file.Read(0, 4) == "RIFF";
+}
+
 // What OpenCV says, unless that may be the ticks of the container's clock and the frames come at another pace.
 absl::StatusOr<double> FpsOf(const std::string& input, double said) {
   if (said < kDoubtfulFps) return said;
@@ -108,7 +129,7 @@ absl::StatusOr<double> FpsOf(const std::string& input, double said) {
 // How far a video was read, beside how long it says it is: FFmpeg takes a file that is cut off for one that has ended.
 class FrameSource::VideoExtent {
  public:
-  // Of the container; 0: not known. 'seconds' is its longest track's, which may be one of sound.
+  // Of the container; 0 or less: not known. 'seconds' is its longest track's, which may be one of sound.
   VideoExtent(std::string input, int64_t frames, double seconds)
       : input_(std::move(input)), frames_(frames), seconds_(seconds) {}
 
@@ -117,16 +138,35 @@ class FrameSource::VideoExtent {
     ++passed_;
     at_ = std::max(at_, at);
   }
+  // Between the last frame and the next one something cannot be decoded. DATA_LOSS for what has numbers of its own:
+  // they are not known from there on. What a live input has lost is as if it had not come.
+  absl::Status Damaged() {
+    ++damages_;
+    if (live()) return absl::OkStatus();
+    if (LacksItsEnd(input_)) return End();  // by what is left of its last frame
+    return absl::DataLossError(absl::StrFormat("%s: is damaged: frame %d cannot be decoded", input_, passed_));
+  }
+  bool live() const { return frames_ <= 0; }
   // DATA_LOSS where the file itself shows that frames are missing.
   absl::Status End() {
     ended_ = true;
-    if (passed_ >= frames_ || !LacksItsEnd(input_)) return absl::OkStatus();
+    if (passed_ >= frames_) return absl::OkStatus();
+    lacks_frames_ = CountsItsFrames(input_);
+    if (!LacksItsEnd(input_)) return absl::OkStatus();
     return absl::DataLossError(
         absl::StrFormat("%s: is cut off: it ends after %d of %d frames", input_, passed_, frames_));
   }
-  // What else is odd about the end, which may be right: lengths are inexact, sound may be longer, and an edit list may
-  // leave frames out. Empty: nothing is, or it has not come.
+  // What else is odd, which may be right about the end: lengths are inexact, sound may be longer, and an edit list may
+  // leave frames out. Empty: nothing is.
   std::string Doubt() const {
+    if (damages_ > 0) {
+      return absl::StrFormat("%s: is damaged, at %d place%s; pictures were left out there", input_, damages_,
+                             damages_ == 1 ? "" : "s");
+    }
+    if (lacks_frames_) {
+      return absl::StrFormat("%s: gave %d of %d frames; is it damaged, or does an edit list leave some out?", input_,
+                             passed_, frames_);
+    }
     if (!ended_ || at_ <= 0 || at_ + std::max(1.0, 0.1 * seconds_) >= seconds_) return "";
     return absl::StrFormat("%s: its pictures end at %.1f of %.1f seconds; is it damaged, or its sound longer?", input_,
                            at_, seconds_);
@@ -137,8 +177,10 @@ class FrameSource::VideoExtent {
   const int64_t frames_;
   const double seconds_;
   int64_t passed_ = 0;  // frames
-  double at_ = 0;       // seconds
+  int64_t damages_ = 0;
+  double at_ = 0;  // seconds
   bool ended_ = false;
+  bool lacks_frames_ = false;
 };
 
 FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t frames)
@@ -217,8 +259,10 @@ FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::s
                                           const Turn& turn, const VideoExtent& length) {
   const auto extent = std::make_shared<VideoExtent>(length);
   const auto advance = [input, capture, extent]() -> absl::StatusOr<bool> {
-    absl::StatusOr<bool> grabbed = WithoutException(input, [&] { return capture->grab(); });
+    bool damaged = false;
+    absl::StatusOr<bool> grabbed = WithoutException(input, [&] { return Grab(*capture, extent->live(), &damaged); });
     if (!grabbed.ok()) return grabbed;
+    if (absl::Status whole = damaged ? extent->Damaged() : absl::OkStatus(); !whole.ok()) return whole;
     if (*grabbed) {
       extent->Passed(capture->get(cv::CAP_PROP_POS_MSEC) / 1000);
     } else if (absl::Status whole = extent->End(); !whole.ok()) {
@@ -254,10 +298,16 @@ absl::Status FrameSource::ReadFirst(int64_t frame) {
   return absl::OkStatus();
 }
 
+// A camera's picture that is damaged is left out.
 absl::StatusOr<cv::Mat> FrameSource::Read() {
-  const absl::StatusOr<bool> advanced = reader_.advance();
-  if (!advanced.ok()) return advanced.status();
-  return *advanced ? reader_.retrieve() : cv::Mat();
+  for (int i = 0; i < (live() ? kAttempts : 1); ++i) {
+    const absl::StatusOr<bool> advanced = reader_.advance();
+    if (!advanced.ok()) return advanced.status();
+    if (!*advanced) return cv::Mat();
+    absl::StatusOr<cv::Mat> frame = reader_.retrieve();
+    if (!frame.ok() || !frame->empty()) return frame;
+  }
+  return absl::DataLossError(absl::StrCat(input_, ": is damaged: a picture cannot be decoded"));
 }
 
 absl::StatusOr<cv::Mat> FrameSource::Next() {

@@ -25,8 +25,9 @@ class FrameSource {
   // error here.
   static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input, int64_t first_frame = 0);
 
-  // [H, W, 3] uint8 BGR, upright, all of the same size; empty after the last frame. DATA_LOSS for a broken frame and
-  // for a file that is cut off: it has fewer bytes and fewer frames than its container says.
+  // [H, W, 3] uint8 BGR, upright, all of the same size; empty after the last frame. DATA_LOSS for a broken frame that
+  // others follow, which a live input leaves out instead, and for a file that is cut off: it has fewer bytes and fewer
+  // frames than its container says.
   absl::StatusOr<cv::Mat> Next();
   // Passes over the frame that Next would give, in a fraction of the time; false where there is none.
   absl::StatusOr<bool> Skip();
@@ -38,8 +39,8 @@ class FrameSource {
   // Whether frames come whether somebody takes them or not, as those of cameras and of whatever does not say how long
   // it is.
   bool live() const { return frames_ == 0; }
-  // After the last frame: why it may have come too early, in words; empty where nothing speaks for it. Of the thread
-  // that reads.
+  // In words, empty where there is nothing: which frames a live input has left out; after the last frame, why it may
+  // have come too early. Of the thread that reads.
   std::string doubt() const { return reader_.doubt(); }
 
  private:

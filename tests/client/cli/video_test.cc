@@ -103,6 +103,59 @@ TEST(FrameSourceTest, AFileThatIsCutOffIsAnError) {
   }
 }
 
+// Writes zeros over a picture of MJPEG, but for the marks that it is found by.
+void DamageJpeg(const std::string& path, int number) {
+  std::string bytes = BytesOf(path);
+  size_t begin = 0;
+  for (int i = 0; i <= number; ++i) begin = bytes.find("\xFF\xD8\xFF", begin) + 2;
+  begin += 2;
+  const size_t end = bytes.find("\xFF\xD9", begin);
+  std::fill(bytes.begin() + static_cast<ptrdiff_t>(begin), bytes.begin() + static_cast<ptrdiff_t>(end), '\0');
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+TEST(FrameSourceTest, AFrameOfAFileThatDoesNotDecodeIsNamed) {
+  const TempDir dir;
+  WriteVideo(dir.File("a.avi"), "MJPG", 10, 60);
+  DamageJpeg(dir.File("a.avi"), 50);
+  const auto source = FrameSource::Open(dir.File("a.avi"));
+  ASSERT_THAT(source, IsOk());
+  for (int i = 0; i < 50; ++i) ASSERT_THAT((*source)->Skip(), IsOkAndHolds(true));
+  EXPECT_THAT((*source)->Next(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("a.avi: is damaged: frame 50")));
+}
+
+// Nothing tells it from the end.
+TEST(FrameSourceTest, ALastFrameThatDoesNotDecodeIsMissed) {
+  const TempDir dir;
+  WriteVideo(dir.File("a.avi"), "MJPG", 10, 60);
+  DamageJpeg(dir.File("a.avi"), 59);
+  const auto source = FrameSource::Open(dir.File("a.avi"));
+  ASSERT_THAT(source, IsOk());
+  EXPECT_THAT(FramesLeft(**source), IsOkAndHolds(59));
+  EXPECT_THAT((*source)->doubt(), HasSubstr("a.avi: gave 59 of 60 frames"));
+}
+
+void WriteJpegs(const std::string& path, int frames) {
+  std::ofstream file(path, std::ios::binary);
+  for (int i = 0; i < frames; ++i) {
+    std::vector<uint8_t> jpeg;
+    cv::imencode(".jpg", Flat(64, 48, i), jpeg);
+    file << std::string(jpeg.begin(), jpeg.end());
+  }
+}
+
+TEST(FrameSourceTest, AFrameOfALiveInputThatDoesNotDecodeIsLeftOut) {
+  const TempDir dir;
+  WriteJpegs(dir.File("a.mjpg"), 20);
+  DamageJpeg(dir.File("a.mjpg"), 10);
+  const auto source = FrameSource::Open(dir.File("a.mjpg"));
+  ASSERT_THAT(source, IsOk());
+  EXPECT_TRUE((*source)->live());
+  EXPECT_EQ((*source)->doubt(), "");
+  EXPECT_THAT(FramesLeft(**source), IsOkAndHolds(19));
+  EXPECT_THAT((*source)->doubt(), HasSubstr("a.mjpg: is damaged, at 1 place"));
+}
+
 TEST(FrameSourceTest, AnMp4WithoutItsEndIsAnErrorWhereItsIndexComesFirst) {
   const TempDir dir;
   const std::string bytes = WithIndexFirst(BytesOf(InSourceTree("media/pedestrians.mp4")));
