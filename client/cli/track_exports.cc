@@ -62,12 +62,15 @@ bool HasShape(const TableTrack& track, const TrackExtent& extent) {
   return false;
 }
 
+// In the input. REQUIRES: extent.frames > 0.
+int64_t EndOf(const TrackTable& table, const TrackExtent& extent) { return table.Number(extent.frames - 1) + 1; }
+
 void WriteCvatMeta(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent) {
   std::set<std::string> labels;
   for (const TableTrack& track : table.tracks()) {
     if (HasShape(track, extent)) labels.insert(LabelOf(track));
   }
-  const int64_t size = extent.frames == 0 ? 0 : table.Number(extent.frames - 1) + 1;
+  const int64_t size = extent.frames == 0 ? 0 : EndOf(table, extent) + (extent.input_goes_on ? 1 : 0);
   out << "<meta><task><size>" << size << "</size><mode>interpolation</mode>"
       << "<original_size><width>" << video.size.width << "</width><height>" << video.size.height
       << "</height></original_size>\n<labels>\n";
@@ -90,7 +93,8 @@ void WriteCvatPoint(std::ostream& out, int64_t frame, const TrackSample& sample,
       frame, outside ? 1 : 0, sample.visible ? 0 : 1, sample.x, sample.y);
 }
 
-// A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside.
+// A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside, behind
+// the last frame too where the input has another one.
 void WriteCvatTrack(std::ostream& out, const TrackTable& table, const TableTrack& track, ImageSize size,
                     const TrackExtent& extent) {
   out << "<track id=\"" << IdOf(track) << "\" label=\"" << LabelOf(track) << "\" source=\"auto\">\n";
@@ -104,6 +108,7 @@ void WriteCvatTrack(std::ostream& out, const TrackTable& table, const TableTrack
     }
     before = sample;
   }
+  if (before != nullptr && extent.input_goes_on) WriteCvatPoint(out, EndOf(table, extent), *before, /*outside=*/true);
   out << "</track>\n";
 }
 

@@ -21,9 +21,9 @@ namespace holdfast {
 void WriteDeepLabCut(std::ostream& out, const TrackTable& table, const TrackExtent& extent);
 
 // CVAT for video 1.1 (task mode "interpolation"): a track of points for each point, every frame a key frame, hidden
-// ones "occluded", and "outside" from where there is no estimate and where it is beyond the picture. A point's label is
-// its name where it has one of its own, else "point"; CVAT wants labels that the task has. A point without an estimate
-// is left out, with its label.
+// ones "occluded", and "outside" from where there is no estimate, which is behind the last frame where the input goes
+// on, and where it is beyond the picture. A point's label is its name where it has one of its own, else "point"; CVAT
+// wants labels that the task has. A point without an estimate is left out, with its label.
 void WriteCvat(std::ostream& out, const TrackTable& table, const VideoFacts& video, const TrackExtent& extent);
 
 // The text format of 3DEqualizer's 2D tracks, which other programs for match-moving read too: the number of points, and

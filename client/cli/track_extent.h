@@ -13,6 +13,7 @@ struct TrackExtent {
   int64_t final_frames = 0;     // estimates of the first so many frames are final, those behind them may be provisional
   int64_t expected_frames = 0;  // as the input announced, or as were sent where these are more
   bool complete = false;        // the run went to its end: every estimate is there and final
+  bool input_goes_on = false;   // the input is known to have frames behind the last one with estimates
 };
 
 // "frames 0..71 of 120 (0..63 are final), 72..119 are missing". 'number': of a frame that is tracked, in the input;

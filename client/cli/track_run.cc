@@ -67,6 +67,7 @@ class TrackRun final : public TrackObserver {
         facts_{inputs.source->size(), inputs.source->fps()},
         choice_(options.start_frame, options.every, queries_.frames()),
         total_frames_(TotalFrames(options, choice_, *inputs.source)),
+        input_frames_(inputs.source->frames()),
         drop_(options.live && inputs.source->live()),
         reader_(std::move(inputs.source), {choice_, drop_}),
         overlay_(OverlayOptions(options), OverlayFacts(options, facts_),
@@ -225,6 +226,7 @@ class TrackRun final : public TrackObserver {
     if (!input.ok()) return input.status();
     doubt_ = input->doubt;
     if (input->picture.empty()) {
+      input_frames_ = input->number;
       return frame;
     }
     absl::StatusOr<std::string> bytes = encoder_.Encode(input->picture);
@@ -280,6 +282,9 @@ class TrackRun final : public TrackObserver {
     extent.frames = complete ? std::max(sent_, table_.frames()) : table_.estimated_frames();
     extent.final_frames = complete ? extent.frames : std::min(table_.final_frames(), extent.frames);
     extent.expected_frames = complete ? extent.frames : std::max(total_frames_, sent_);
+    if (extent.frames > 0) {
+      extent.input_goes_on = table_.Number(extent.frames - 1) + 1 < std::max(input_frames_, EndInInput());
+    }
     return extent;
   }
 
@@ -358,7 +363,8 @@ class TrackRun final : public TrackObserver {
   const TrackQueries queries_;
   const VideoFacts facts_;
   const FrameChoice choice_;
-  const int64_t total_frames_;  // as the input announces; 0: not known
+  const int64_t total_frames_;  // that are tracked, as the input announces; 0: not known
+  int64_t input_frames_;        // all that it announces, and at its end those that it had; of the main thread
   const bool drop_;             // frames of the input are left out when they come too fast
   FrameReader reader_;
   std::optional<FrameSpool> spool_;  // as sent, up to the last one that something starts on; of the main thread

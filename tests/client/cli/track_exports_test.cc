@@ -64,6 +64,22 @@ TEST(TrackExportsTest, BodyPartsAreToldApart) {
   EXPECT_THAT(out.str(), HasSubstr("bodyparts,paw,paw,paw,paw_2,paw_2,paw_2,3,3,3,paw_2_4,paw_2_4,paw_2_4\n"));
 }
 
+// CVAT shows a shape on all frames up to the next one.
+TEST(TrackExportsTest, CvatIsOutsideBehindTheLastFrameWhereTheInputGoesOn) {
+  TrackTable table({{{4, 0, 0}, 10, "nose"}, {{7, 0, 0}, 10, "paw"}});
+  for (const int64_t number : {10, 12}) table.AddFrame(number);
+  const PointRun to_the_end{4, 0, {1, 2}, {3, 4}, {1, 1}, {1, 1}, 2}, shorter{7, 0, {5}, {6}, {1}, {1}, 1};
+  ASSERT_THAT(table.Apply({{to_the_end, shorter}, 2, 2}), IsOk());
+  std::ostringstream ends, goes_on;
+  WriteCvat(ends, table, kSource, {2, 2, 2, true});
+  EXPECT_THAT(ends.str(), Not(HasSubstr("frame=\"13\"")));
+  WriteCvat(goes_on, table, kSource, {2, 2, 2, true, /*input_goes_on=*/true});
+  EXPECT_THAT(goes_on.str(), HasSubstr("<size>14</size>"));
+  const std::string behind = "frame=\"13\" keyframe=\"1\" outside=\"1\" occluded=\"0\" points=";
+  EXPECT_THAT(goes_on.str(), HasSubstr(behind + "\"2.000,4.000\""));
+  EXPECT_THAT(goes_on.str(), Not(HasSubstr(behind + "\"5.000,6.000\""))) << "it was outside before";
+}
+
 // It would not import the file.
 TEST(TrackExportsTest, CvatHasNoTrackWithoutAShape) {
   TrackTable table({{{4, 0, 0}, 0, "nose"}, {{7, 0, 0}, 9, "late"}});
