@@ -115,7 +115,8 @@ absl::StatusOr<size_t> ConnectToAny(const std::vector<RemoteServer>& servers, ab
 // One address, or a URI of several.
 bool IsAddress(const std::string& address) {
   const std::vector<absl::string_view> each = absl::StrSplit(address, ',');
-  return absl::StrContains(address, ':') && std::none_of(each.begin(), each.end(), PortIsTooLarge);
+  return absl::StrContains(address, ':') && std::none_of(each.begin(), each.end(), PortIsTooLarge) &&
+         std::none_of(address.begin(), address.end(), absl::ascii_isspace);
 }
 
 absl::Status CheckAddresses(const std::vector<std::string>& addresses) {

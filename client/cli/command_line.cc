@@ -235,7 +235,10 @@ absl::StatusOr<std::string> TokenFromFlags() {
 absl::StatusOr<RemoteTracker::Options> ServerFromFlags(const Console& console) {
   if (absl::Status status = CheckServerFlags(); !status.ok()) return status;
   RemoteTracker::Options options;
-  options.addresses = absl::StrSplit(absl::GetFlag(FLAGS_server), ',', absl::SkipEmpty());
+  const std::string servers = absl::GetFlag(FLAGS_server);
+  for (const absl::string_view address : absl::StrSplit(servers, ',', absl::SkipWhitespace())) {
+    options.addresses.emplace_back(absl::StripAsciiWhitespace(address));
+  }
   options.tls = TlsFromFlags();
   if (absl::Status status = options.tls.Validate(); !status.ok()) return status;
   absl::StatusOr<std::string> token = TokenFromFlags();

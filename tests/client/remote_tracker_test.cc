@@ -303,6 +303,7 @@ TEST(RemoteTrackerTest, OptionsThatMakeNoSenseAreNamed) {
   };
   EXPECT_EQ(field([](auto& o) { o.addresses = {}; }), "addresses");
   EXPECT_EQ(field([](auto& o) { o.addresses[1] = "nowhere"; }), "addresses");
+  EXPECT_EQ(field([](auto& o) { o.addresses[1] = " b:2"; }), "addresses");
   EXPECT_EQ(field([](auto& o) { o.addresses[1] = "dns:///b:70000"; }), "addresses");
   EXPECT_EQ(field([](auto& o) { o.buffer_bytes = 0; }), "buffer_bytes");
   EXPECT_EQ(field([](auto& o) { o.checkpoint_interval_frames = 0; }), "checkpoint_interval_frames");

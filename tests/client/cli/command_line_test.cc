@@ -74,6 +74,7 @@ TEST_F(CommandLineTest, WrongCallsAreCode2AndSayWhy) {
       {{"load", "a.mp4", "--seconds=inf"}, "--seconds"},
       {{"info", "--server=foo"}, "--server"},
       {{"info", "--server="}, "--server"},
+      {{"info", "--server=a:1, b :2"}, "\"b :2\""},
       {{"info", "--connect_timeout=0"}, "--connect_timeout"},
       {{"track", "a.mp4", "--grid=5", "--overlay=t.mp4", "--trail_frames=-1"}, "--trail_frames"},
       {{"track", "a.mp4", "--grit=5"}, "unknown flag --grit"},
@@ -141,7 +142,7 @@ TEST_F(CommandLineTest, ASecondServerTakesOverFromAFirstThatIsLost) {
   std::vector<ScriptedCall> calls(1);
   calls[0].frames = 6;
   ScriptedService first(calls), second(std::vector<ScriptedCall>{});
-  EXPECT_EQ(Run(TrackNineFrames(dir, first.address() + "," + second.address())), 0) << err_.str();
+  EXPECT_EQ(Run(TrackNineFrames(dir, first.address() + ", " + second.address())), 0) << err_.str();
   const auto json = nlohmann::json::parse(std::ifstream(dir.File("t.json")));
   EXPECT_EQ(json["complete"], true);
   EXPECT_EQ(json["frames"], 9);
