@@ -114,8 +114,15 @@ bool CountsItsFrames(const std::string& input) {
   return IsMp4(file) || file.Read(0, 4) == "RIFF";
 }
 
+// JPEGs one after the other, which know no time: FFmpeg takes them for 25 a second.
+bool IsRawMjpeg(const std::string& input) {
+  constexpr absl::string_view kJpeg = "\xFF\xD8\xFF";
+  return input == "-" || ContainerFile(input).Read(0, kJpeg.size()) == kJpeg;
+}
+
 // What OpenCV says, unless that may be the ticks of the container's clock and the frames come at another pace.
 absl::StatusOr<double> FpsOf(const std::string& input, double said) {
+  if (IsRawMjpeg(input)) return 0;
   if (said < kDoubtfulFps) return said;
   std::error_code ignored;
   if (!fs::is_regular_file(input, ignored)) return 0;  // what is read once

@@ -156,6 +156,15 @@ TEST(FrameSourceTest, AFrameOfALiveInputThatDoesNotDecodeIsLeftOut) {
   EXPECT_THAT((*source)->doubt(), HasSubstr("a.mjpg: is damaged, at 1 place"));
 }
 
+TEST(FrameSourceTest, JpegsOneAfterTheOtherSayNoRate) {
+  const TempDir dir;
+  WriteJpegs(dir.File("a.mjpg"), 3);
+  const auto source = FrameSource::Open(dir.File("a.mjpg"));
+  ASSERT_THAT(source, IsOk());
+  EXPECT_EQ((*source)->fps(), 30);
+  EXPECT_TRUE((*source)->fps_is_guess());
+}
+
 TEST(FrameSourceTest, AnMp4WithoutItsEndIsAnErrorWhereItsIndexComesFirst) {
   const TempDir dir;
   const std::string bytes = WithIndexFirst(BytesOf(InSourceTree("media/pedestrians.mp4")));
