@@ -40,6 +40,36 @@ bool IsPicture(const fs::path& path) {
   return suffix == ".jpg" || suffix == ".jpeg" || suffix == ".png";
 }
 
+// A number, or a single character that is none.
+absl::string_view PartAt(absl::string_view name, size_t at) {
+  size_t end = at;
+  while (end < name.size() && absl::ascii_isdigit(name[end])) ++end;
+  return name.substr(at, std::max<size_t>(1, end - at));
+}
+
+absl::string_view WithoutZeros(absl::string_view number) {
+  while (absl::ConsumePrefix(&number, "0")) {
+  }
+  return number;
+}
+
+// Whether a name comes first where people count: numbers within names by what they are worth, so that 2 is before 10.
+bool ComesBefore(const std::string& a, const std::string& b) {
+  size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    const absl::string_view part_a = PartAt(a, i), part_b = PartAt(b, j);
+    const absl::string_view worth_a = WithoutZeros(part_a), worth_b = WithoutZeros(part_b);
+    if (worth_a.size() != worth_b.size() && absl::ascii_isdigit(a[i]) && absl::ascii_isdigit(b[j])) {
+      return worth_a.size() < worth_b.size();
+    }
+    if (worth_a != worth_b) return worth_a < worth_b;
+    i += part_a.size();
+    j += part_b.size();
+  }
+  const bool a_ends = i == a.size(), b_ends = j == b.size();
+  return a_ends == b_ends ? a < b : a_ends;
+}
+
 bool IsRate(double fps) { return std::isfinite(fps) && fps > 0 && fps <= kMostFps; }
 
 template <typename Call>
@@ -234,7 +264,7 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const st
   }
   if (error) return absl::PermissionDeniedError(absl::StrCat(input, ": ", error.message()));
   if (paths.empty()) return absl::NotFoundError(absl::StrCat(input, ": the directory has no .jpg or .png file"));
-  std::sort(paths.begin(), paths.end());
+  std::sort(paths.begin(), paths.end(), ComesBefore);
   const auto count = static_cast<int64_t>(paths.size());
   auto next = std::make_shared<size_t>(0);
   const auto advance = [next, count] { return static_cast<int64_t>((*next)++) < count; };

@@ -18,11 +18,11 @@ namespace holdfast {
 // The frames of a video file, of a directory of pictures or of a camera, one after the other. One thread at a time.
 class FrameSource {
  public:
-  // 'input': a video file, a directory (its .jpg, .jpeg and .png files in the order of their names, but those that
-  // begin with a dot), "camera:N" or a device such as /dev/video0, an address (rtsp://, http:// or whatever FFmpeg
-  // opens), or "-": JPEGs one after the other on standard input (MJPEG). 'first_frame': the number of the frame that
-  // Next gives first; those before it are passed over. Reads that frame, so that an input that does not have it is an
-  // error here.
+  // 'input': a video file, a directory (its .jpg, .jpeg and .png files in the order of their names, numbers within them
+  // by their worth, but those that begin with a dot), "camera:N" or a device such as /dev/video0, an address (rtsp://,
+  // http:// or whatever FFmpeg opens), or "-": JPEGs one after the other on standard input (MJPEG). 'first_frame': the
+  // number of the frame that Next gives first; those before it are passed over. Reads that frame, so that an input that
+  // does not have it is an error here.
   static absl::StatusOr<std::unique_ptr<FrameSource>> Open(const std::string& input, int64_t first_frame = 0);
 
   // [H, W, 3] uint8 BGR, upright, all of the same size; empty after the last frame. DATA_LOSS for a broken frame that

@@ -54,6 +54,20 @@ TEST(FrameSourceTest, ADirectoryGivesItsPicturesInTheOrderOfTheirNames) {
   EXPECT_TRUE((*source)->Next()->empty());
 }
 
+TEST(FrameSourceTest, NumbersInNamesCountByTheirWorth) {
+  const TempDir dir;
+  const std::vector<std::string> ordered = {"1.png",    "002.png",   "2.png",  "10.png",
+                                            "a1b2.png", "a1b10.png", "a2.png", "b.png"};
+  for (size_t i = 0; i < ordered.size(); ++i) cv::imwrite(dir.File(ordered[i]), Flat(8, 6, static_cast<int>(i)));
+  const auto source = FrameSource::Open(dir.path().string());
+  ASSERT_THAT(source, IsOk());
+  for (size_t i = 0; i < ordered.size(); ++i) {
+    const auto frame = (*source)->Next();
+    ASSERT_THAT(frame, IsOk());
+    EXPECT_EQ(frame->at<cv::Vec3b>(3, 3)[0], i) << ordered[i];
+  }
+}
+
 TEST(FrameSourceTest, FramesOfAnotherSizeAreErrorsThatNameTheFrame) {
   const TempDir dir;
   cv::imwrite(dir.File("0.png"), Flat(8, 6, 0));
