@@ -201,6 +201,18 @@ TEST(ResumingStreamTest, ALossAfterTheHalfCloseIsMadeGood) {
   EXPECT_THAT(seen[1], ElementsAre("config 6", "frame 6", "frame 7", "frame 8", "frame 9", "end"));
 }
 
+TEST(ResumingStreamTest, ALossAfterTheSummaryLosesNothing) {
+  ScriptedCall call;
+  call.after_summary = grpc::Status(grpc::StatusCode::UNAVAILABLE, "cut");
+  ScriptedService server({call});
+  ResumeObserver observer;
+  auto stream = Open(At({server.address()}), observer);
+  ASSERT_NE(stream, nullptr);
+  EXPECT_THAT(PushAndFinish(*stream, 10), IsOk());
+  EXPECT_EQ(observer.done, absl::OkStatus());
+  EXPECT_THAT(server.seen(), testing::SizeIs(1));
+}
+
 TEST(ResumingStreamTest, AFullBufferWaitsForACheckpoint) {
   constexpr int64_t kFrames = 60;
   std::atomic<int64_t> pushed{0}, most_ahead{0};

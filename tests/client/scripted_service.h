@@ -34,6 +34,7 @@ struct ScriptedCall {
   int64_t frames = 1 << 30;     // read of this call; then it ends with 'end', or at the half-close if that comes first
   bool ends_at_finish = false;  // with 'end' at the half-close, instead of the summary
   grpc::Status end = grpc::Status(grpc::StatusCode::UNAVAILABLE, "cut");
+  grpc::Status after_summary;
   bool last_checkpoint = false;           // before the end, as a drain does it
   bool resumable = true;                  // elsewhere
   bool outgrown = false;                  // all checkpoints are empty
@@ -94,7 +95,7 @@ class ScriptedService {
     if (call.last_checkpoint) stream.Write(CheckpointAt(std::max<int64_t>(0, newest + 1 - options_.lag)));
     if (frames >= call.frames || call.ends_at_finish) return call.end;
     stream.Write(Summary(newest + 1));
-    return grpc::Status::OK;
+    return call.after_summary;
   }
 
   v1::TrackResponse Accept(int64_t first_frame) const {
