@@ -326,6 +326,20 @@ TEST_F(TrackCommandTest, AVideoThatIsCutOffIsNotComplete) {
   EXPECT_THAT(Run(shorter), IsOk()) << "no more were wanted";
 }
 
+TEST_F(TrackCommandTest, ShapesOfCvatEndWhereTrackingDoesAndTheInputDoesNot) {
+  const auto end_of = [this](int64_t max_frames) {
+    options_.out = dir_.File("t.xml");
+    options_.max_frames = max_frames;
+    FakeTracker tracker(MovingRight());
+    EXPECT_THAT(Run(tracker), IsOk());
+    const std::string text = BytesOf(options_.out);
+    return text.substr(text.rfind("<points frame="));
+  };
+  EXPECT_THAT(end_of(4), HasSubstr("frame=\"4\" keyframe=\"1\" outside=\"1\""));
+  EXPECT_THAT(end_of(6), HasSubstr("frame=\"5\" keyframe=\"1\" outside=\"0\""));
+  EXPECT_THAT(end_of(0), HasSubstr("frame=\"5\" keyframe=\"1\" outside=\"0\""));
+}
+
 // A container's length is that of its longest track, which may be one of sound.
 TEST_F(TrackCommandTest, AVideoWhoseContainerIsLongerIsCompleteAndDoubted) {
   options_.input = dir_.File("sound.mkv");
