@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 constexpr double kDefaultFps = 30;
 constexpr double kMostFps = 20'000;                     // of high-speed cameras
 constexpr double kDoubtfulFps = 1000;                   // from here on FFmpeg may give a clock's ticks for a rate
-constexpr int kAttempts = 64;                           // to find a picture behind damaged ones
+constexpr int kAttempts = 1000;                         // to find a picture behind damaged ones
 constexpr absl::Duration kPatience = absl::Seconds(1);  // with an input that may wait for each of them
 constexpr char kCameraPrefix[] = "camera:";
 
