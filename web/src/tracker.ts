@@ -267,7 +267,8 @@ export class Tracker implements Observer {
     const expectedFrames = complete ? frames : Math.max(this.source.value?.frames ?? 0, this.sent.value, frames);
     const measured = live && Number.isFinite(this.frames.fps) ? this.frames.fps : fps;
     const finalFrames = this.tracks.finalFrames(frames);
-    return { tracks, objects, width, height, fps: measured, frames, complete, finalFrames, expectedFrames };
+    const goesOn = (this.source.value?.frames ?? 0) > frames;
+    return { tracks, objects, width, height, fps: measured, frames, complete, finalFrames, expectedFrames, goesOn };
   }
 
   // --- What the server says.

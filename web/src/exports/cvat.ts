@@ -20,22 +20,23 @@ function byCodePoint(a: string, b: string): number {
   return at < 0 ? x!.length - y!.length : x![at]! - (y![at] ?? -1);
 }
 
-function meta(tracks: Track[], { frames, width, height }: Table): string {
+function meta(tracks: Track[], { frames, goesOn, width, height }: Table): string {
   const labels = [...new Set(tracks.map(labelOf))].sort(byCodePoint);
   const described = labels.map((label) => `<label><name>${label}</name><type>points</type><attributes></attributes></label>\n`);
   return (
-    `<meta><task><size>${frames}</size><mode>interpolation</mode>` +
+    `<meta><task><size>${frames + Number(goesOn)}</size><mode>interpolation</mode>` +
     `<original_size><width>${width}</width><height>${height}</height></original_size>\n` +
     `<labels>\n${described.join("")}</labels></task></meta>\n`
   );
 }
 
-// A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside.
-function shapes(track: Track, { frames, width, height }: Table): string {
+// A shape holds until the next one: where nothing is known any more, the last one is repeated as being outside, behind
+// the last frame too where the source has another one.
+function shapes(track: Track, { frames, goesOn, width, height }: Table): string {
   const beyond = (at: number, side: number) => !(at >= -0.5 && at < side - 0.5); // the first pixel is around (0, 0)
   let [lines, before] = ["", -1];
-  for (let t = track.start; t < frames; ++t) {
-    const known = track.has(t) ? t : before;
+  for (let t = track.start; t < frames + Number(goesOn); ++t) {
+    const known = t < frames && track.has(t) ? t : before;
     if (known >= 0) {
       const [x, y] = [track.x(known), track.y(known)];
       const outside = known !== t || beyond(x, width) || beyond(y, height);

@@ -14,6 +14,7 @@ export interface Table {
   complete: boolean; // false: `frames` is fewer than was asked for, and those from finalFrames on may be provisional
   finalFrames: number;
   expectedFrames: number;
+  goesOn: boolean; // the source is known to have frames behind the last one
 }
 
 /** A table in pixels of the frames sent, as one in pixels of its source's own frames. */

@@ -94,7 +94,9 @@ test("clicked points have the tracks that the command line gives them, in each f
   expect(page.points.map((point: object) => Object.keys(point))).toEqual(cli.points.map((point: object) => Object.keys(point)));
 
   const [xml, theirXml] = [String(await visitor.save("CVAT")), String(await commandLine(".xml"))];
-  expect(xml.replaceAll(/\.\d{3}/g, ".ddd")).toBe(theirXml.replaceAll(/\.\d{3}/g, ".ddd"));
+  // The command line's video goes on behind these frames, and its shapes end there.
+  const untilThere = theirXml.replaceAll(new RegExp(`  <points frame="${FRAMES}".*\n`, "g"), "").replace(`<size>${FRAMES + 1}<`, `<size>${FRAMES}<`);
+  expect(xml.replaceAll(/\.\d{3}/g, ".ddd")).toBe(untilThere.replaceAll(/\.\d{3}/g, ".ddd"));
   const [curves, theirCurves] = [String(await visitor.save("3DEqualizer")), String(await commandLine(".3de.txt"))];
   expect(curves.replaceAll(/\.\d{6}/g, ".dddddd")).toBe(theirCurves.replaceAll(/\.\d{6}/g, ".dddddd"));
 

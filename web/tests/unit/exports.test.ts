@@ -22,7 +22,7 @@ function table(more: Partial<Table> = {}): Table {
     { id: 9, firstFrame: 1, x: [4, 5], y: [6, 7], visible: [true, false], confidence: [0, 0.25], finalCount: 1 },
   ]);
   const size = { width: 640, height: 480, fps: 10, frames: 3 };
-  return { tracks: [...store.tracks], objects: [], ...size, complete: false, finalFrames: 2, expectedFrames: 5, ...more };
+  return { tracks: [...store.tracks], objects: [], ...size, complete: false, finalFrames: 2, expectedFrames: 5, goesOn: false, ...more };
 }
 
 test("three digits are those of printf, halves included", () => {
@@ -46,7 +46,7 @@ function threePoints(): Table {
     part(9, 1, [61, 62, 63.4, 63.5], [40, 41, 42, 43], [false, true, true, true], [0.125, 1, 1, 1]),
   ]);
   const size = { width: 64, height: 48, fps: 10, frames: 5 };
-  return { tracks: [...store.tracks], objects: [], ...size, complete: true, finalFrames: 5, expectedFrames: 5 };
+  return { tracks: [...store.tracks], objects: [], ...size, complete: true, finalFrames: 5, expectedFrames: 5, goesOn: false };
 }
 
 test.each([["tracks.dlc.csv", toDeepLabCut], ["tracks.xml", toCvat], ["tracks.3de.txt", to3de]])(
@@ -66,6 +66,13 @@ test("CVAT has no track without a shape, with which it would not import the file
   const text = toCvat({ ...threePoints(), tracks: [...threePoints().tracks, ...store.tracks], frames: 2 });
   expect([...text.matchAll(/<track id="(\d+)"/g)].map(([, id]) => id)).toEqual(["4", "7", "9"]);
   expect(text).not.toContain("late");
+});
+
+test("CVAT's shapes end behind the last frame where the source goes on", () => {
+  const text = toCvat({ ...threePoints(), goesOn: true });
+  expect(text).toContain("<size>6</size>");
+  const last = [...text.matchAll(/<points frame="5" keyframe="1" outside="(.)"/g)].map(([, outside]) => outside);
+  expect(last).toEqual(["1", "1"]); // the first point had ended before
 });
 
 test("JSON has objects as the command line does, with the ids that its file has for their points", () => {
