@@ -13,8 +13,8 @@ constexpr float kMaxRoundTrip = 2;  // pixels of a picture 512 wide
 // What is left of the confidence after a frame that flow carried a point over, and after one where it lost it.
 constexpr float kHeldConfidence = 0.99f;
 constexpr float kLostConfidence = 0.5f;
-// Pictures in which points are looked for in one step, at 3 ms for each of a million pixels or less: others want the
-// thread too.
+// Pixels of the pictures in which points are looked for in one step, a picture a point; one of a million or fewer takes
+// some 5 ms. Others want the thread too.
 constexpr int64_t kSearchedPixels = 4'000'000;
 constexpr int64_t kLeastPixels = 1'000'000;
 

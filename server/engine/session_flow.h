@@ -68,8 +68,8 @@ class SessionFlow {
   // Cuts out the surroundings of new queries, and carries the chains that are furthest behind by one frame. False:
   // there was no such chain.
   bool Step() ABSL_LOCKS_EXCLUDED(mutex_);
-  // Looks for some of the points that are in doubt, which their windows wait for: as many as take some 20 milliseconds.
-  // False: there was none.
+  // Looks for some of the points that are in doubt, which their windows wait for: as many as take some 20 milliseconds,
+  // or one. False: there was none.
   bool Search() ABSL_LOCKS_EXCLUDED(mutex_);
   // False, and the right is kept: there is something new since BeginSteps.
   bool EndSteps() ABSL_LOCKS_EXCLUDED(mutex_);
