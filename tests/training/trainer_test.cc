@@ -102,6 +102,12 @@ class TrainerTest : public ::testing::Test {
     options_.validate_every = 0;
   }
 
+  // To validate on.
+  absl::StatusOr<Validation> TwoClips() const {
+    const auto clips = OpenTrainingData(TestData(), options_.recipe.phases[0]);
+    return Validation::Create(**clips, /*clips=*/2, /*seed=*/5, /*iterations=*/2);
+  }
+
   absl::StatusOr<TrainingSummary> Train(const TempDir& dir, Recorder& recorder, ClipSource* clips = nullptr,
                                         const Validation* validation = nullptr) {
     options_.directory = dir.path();
@@ -360,8 +366,7 @@ TEST_F(TrainerTest, ALongerTimeBudgetGoesOnWithAFinishedTraining) {
 
 TEST_F(TrainerTest, ValidatesTheAveragedWeightsAndKeepsTheBest) {
   options_.validate_every = 4;
-  const auto clips = OpenTrainingData(TestData(), options_.recipe.phases[0]);
-  const auto validation = Validation::Create(**clips, 2, 5, 2);
+  const auto validation = TwoClips();
   ASSERT_THAT(validation, IsOk());
   const TempDir dir;
   Recorder recorder;
@@ -379,8 +384,7 @@ TEST_F(TrainerTest, ValidatesTheAveragedWeightsAndKeepsTheBest) {
 
 TEST_F(TrainerTest, WeightsCarryTheirOwnValidation) {
   options_.validate_every = 4;
-  const auto clips = OpenTrainingData(TestData(), options_.recipe.phases[0]);
-  const auto validation = Validation::Create(**clips, 2, 5, 2);
+  const auto validation = TwoClips();
   ASSERT_THAT(validation, IsOk());
   const TempDir dir;
   Recorder recorder, again;
