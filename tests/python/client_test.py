@@ -79,7 +79,7 @@ class ClientTest(support.ServedTest, unittest.TestCase):
         updates = []
         with self.client().session(POINTS, hop=(4, 12), every_frame=True, encoding="raw") as session:
             for frame in PICTURES:
-                updates += session.push(frame)
+                updates += session.push(frame) or session.updates(timeout=30)
             self.assertEqual(session.accepted.hop_frames, 4, "there is time for it")
             session.add({77: (40, 40)})
             session.remove([0])
