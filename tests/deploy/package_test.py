@@ -41,6 +41,23 @@ class PackageTest(unittest.TestCase):
             run(self.cmake, "--install", self.build, "--component", component, "--prefix", prefix)
         return prefix
 
+    def packages(self):
+        """The packages by their names, made anew under a umask that gives nothing to others."""
+        before = os.umask(0o077)
+        try:
+            run("cpack", "--config", pathlib.Path(self.build) / "CPackConfig.cmake", "-B", self.folder)
+        finally:
+            os.umask(before)
+        return {path.name.split("_")[0]: path for path in self.folder.glob("*.deb")}
+
+    def assert_readable(self, deb):
+        """Everybody may read what a package installs, as Debian's policy wants, and root alone may write it."""
+        for line in run("dpkg-deb", "-c", deb).splitlines():
+            mode, owner, *_, path = line.split()
+            program = path.startswith("./usr/bin/") and not path.endswith("/")
+            expected = "drwxr-xr-x" if mode[0] == "d" else "-rwxr-xr-x" if program else "-rw-r--r--"
+            self.assertEqual((mode, owner), (expected, "root/root"), line)
+
     def test_a_strangers_program_finds_the_library_and_tracks(self):
         prefix = self.install("libholdfast-dev", "holdfast-server")
         # Nothing of the source tree is at hand but the example itself.
@@ -59,10 +76,10 @@ class PackageTest(unittest.TestCase):
         self.assertLess(abs(x - 338) + abs(y - 458), 12)  # a bag on the lawn
 
     def test_debian_packages_hold_what_they_should_and_could_be_installed(self):
-        run("cpack", "--config", pathlib.Path(self.build) / "CPackConfig.cmake", "-B", self.folder)
-        debs = {path.name.split("_")[0]: path for path in self.folder.glob("*.deb")}
+        debs = self.packages()
         self.assertEqual(set(debs), set(PACKAGES))
         for name, files in PACKAGES.items():
+            self.assert_readable(debs[name])
             run("dpkg-deb", "-x", debs[name], self.folder / name)
             for file in files:
                 self.assertTrue((self.folder / name / file).is_file(), file)
