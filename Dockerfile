@@ -41,7 +41,6 @@ ENTRYPOINT ["holdfast"]
 # docker run --user "$(id -u):$(id -g)" -v "$PWD:/data" holdfast-trainer --preset=small --out=/data/small ...
 FROM runtime AS trainer
 COPY --from=build /rootfs/trainer /
-COPY weights /usr/share/holdfast/weights
 RUN ldconfig && holdfast-train --version
 USER holdfast
 WORKDIR /data
@@ -51,7 +50,6 @@ ENTRYPOINT ["holdfast-train"]
 # they load and the weights: no shell, and nobody's base image.
 FROM scratch AS server
 COPY --from=build /rootfs/server /
-COPY weights /usr/share/holdfast/weights
 RUN ["holdfast-server", "--version"]
 USER holdfast
 EXPOSE 50051 9464

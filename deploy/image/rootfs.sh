@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # Usage, where the programs lie: rootfs.sh [--alone] ROOT PROGRAM...
 # Fills ROOT with what the programs need to run on a bare Debian of the same release: the programs in /usr/bin, the
-# shared libraries they load, the authorities that TLS clients trust, and for every Debian package these come from its
-# copyright and its dpkg status (under status.d, where vulnerability scanners look). With --alone they need nothing else:
-# the C library and its loader come too, and the user 'holdfast', but no shell and no other program. What the image is
-# made of is listed in /usr/share/holdfast/sbom.cdx.json (CycloneDX).
+# shared libraries they load, the weights unless the first program is the client, which has no use for them, the
+# authorities that TLS clients trust, and for every Debian package these come from its copyright and its dpkg status
+# (under status.d, where vulnerability scanners look). With --alone they need nothing else: the C library and its loader
+# come too, and the user 'holdfast', but no shell and no other program. What the image is made of is listed in
+# /usr/share/holdfast/sbom.cdx.json (CycloneDX). Everybody may read all of it, however the checkout may be read.
 set -euo pipefail
+umask 022
 alone=false
 [ "$1" = --alone ] && { alone=true; shift; }
 root=$1
@@ -14,6 +16,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "$root"/usr/bin "$root"/usr/lib/holdfast "$root"/usr/share/holdfast "$root"/var/lib/dpkg/status.d \
   "$root"/etc/ld.so.conf.d "$root"/etc/ssl/certs
 install -s -m 755 -t "$root/usr/bin" "$@"
+[ "$1" = holdfast ] || install -D -m 644 -t "$root/usr/share/holdfast/weights" "$here"/../../weights/*
 
 mapfile -t libraries < <(ldd "$@" | awk '$2 == "=>" && $3 ~ /^\// {print $3}' | sort -u)
 # Which package has which file, asked for all of them at once. Packages name files of /usr/lib as /lib, too.

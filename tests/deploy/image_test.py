@@ -6,6 +6,8 @@ Usage: image_test.py BIN
 import json
 import os
 import pathlib
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,7 +17,6 @@ import jsonschema
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCHEMA = json.loads(pathlib.Path(__file__).with_name("cyclonedx_schema.json").read_text(encoding="utf-8"))
-WEIGHTS = ROOT / "weights" / "small.safetensors"
 UNSHARE = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"])]
 # Runs a program over a root of its own, with the devices and processes that a container has; it stays the process.
 ENTER = [*UNSHARE, "sh", "-c",
@@ -33,12 +34,13 @@ class ImageTest(unittest.TestCase):
         cls.folder = tempfile.TemporaryDirectory(prefix="holdfast-image-")
         cls.addClassCleanup(cls.folder.cleanup)
         cls.root = pathlib.Path(cls.folder.name) / "root"
-        script = ROOT / "deploy" / "image" / "rootfs.sh"
-        subprocess.run([script, "--alone", cls.root, "holdfast-server", "holdfast-import"], cwd=cls.programs,
-                       check=True)
-        weights = cls.root / "usr" / "share" / "holdfast" / "weights"
-        weights.mkdir()
-        (weights / WEIGHTS.name).write_bytes(WEIGHTS.read_bytes())
+        # From a checkout that is its owner's alone.
+        source = pathlib.Path(cls.folder.name) / "source"
+        for part in ("deploy/image", "weights"):
+            shutil.copytree(ROOT / part, source / part)
+        subprocess.run(["chmod", "-R", "go=", source], check=True)
+        subprocess.run(["sh", "-c", 'umask 077 && exec "$@"', "-", source / "deploy" / "image" / "rootfs.sh", "--alone",
+                        cls.root, "holdfast-server", "holdfast-import"], cwd=cls.programs, check=True)
         cls.bom = json.loads((cls.root / "usr/share/holdfast/sbom.cdx.json").read_text(encoding="utf-8"))
 
     def run_inside(self, program, *flags):
@@ -85,6 +87,20 @@ class ImageTest(unittest.TestCase):
         programs = {path.relative_to(self.root).as_posix() for path in self.root.rglob("*")
                     if path.is_file() and os.access(path, os.X_OK) and ".so" not in path.name}
         self.assertEqual(programs, {"usr/bin/holdfast-server", "usr/bin/holdfast-import"})
+
+    def test_everybody_may_read_all_of_it(self):
+        self.assertTrue((self.root / "usr/share/holdfast/weights/small.safetensors").is_file())
+        for path in self.root.rglob("*"):
+            mode = path.lstat().st_mode
+            needed = 0o777 if path.is_symlink() else 0o555 if path.is_dir() else 0o444
+            self.assertEqual(mode & needed, needed, path)
+
+    def test_images_take_no_file_with_the_mode_that_it_has_in_the_checkout(self):
+        recipe = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+        images = recipe[recipe.index(" AS runtime"):]
+        copies = re.findall(r"^(?:COPY|ADD) .*", images, re.MULTILINE)
+        self.assertEqual(len(copies), 3)
+        self.assertEqual([line for line in copies if "--from=build" not in line], [])
 
     def test_the_list_of_packages_is_valid_and_whole(self):
         jsonschema.validate(self.bom, SCHEMA)
