@@ -18,7 +18,7 @@ FROM toolchain AS build
 WORKDIR /src
 COPY . .
 # One stage for all programs: the images share most of the sources.
-RUN cmake --preset release -DHOLDFAST_TESTS=OFF > /dev/null && cmake --build build/release \
+RUN cmake --preset release -DHOLDFAST_TESTS=OFF > /dev/null && cmake --build build/release -j "$(make -s jobs)" \
  && cd build/release/bin \
  && /src/deploy/image/rootfs.sh --alone /rootfs/server holdfast-server holdfast-import \
  && /src/deploy/image/rootfs.sh /rootfs/client holdfast \
@@ -41,7 +41,8 @@ ENTRYPOINT ["holdfast"]
 # docker run --user "$(id -u):$(id -g)" -v "$PWD:/data" holdfast-trainer --preset=small --out=/data/small ...
 FROM runtime AS trainer
 COPY --from=build /rootfs/trainer /
-RUN ldconfig && holdfast-train --version
+# A new volume takes the owner of the directory that it is mounted over; WORKDIR alone would make it root's.
+RUN ldconfig && holdfast-train --version && install -d -o holdfast -g holdfast /data
 USER holdfast
 WORKDIR /data
 ENTRYPOINT ["holdfast-train"]

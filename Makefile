@@ -18,7 +18,7 @@ CC_FILES = git ls-files '*.cc' '*.h'
 
 PICTURES ?=
 
-.PHONY: help deps tools configure build test dist packages wheel demo web web-page web-check bench train-small format lint sanitize fuzz clean
+.PHONY: help deps tools jobs configure build test dist packages wheel demo web web-page web-check bench train-small format lint sanitize fuzz clean
 
 help: ## show these lines
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
@@ -32,6 +32,9 @@ deps: ## install the Debian packages of deploy/packages/build.txt (LISTS=build) 
 
 tools: ## unpack into build/tools what tests alone run, from the packages of deploy/packages/tools.txt
 	@deploy/packages/unpack.sh build/tools
+
+jobs: # how many compilers may run at once
+	@echo $(JOBS)
 
 configure: deps
 	@cmake --preset $(PRESET) > /dev/null

@@ -14,6 +14,7 @@ import tempfile
 import unittest
 
 import jsonschema
+import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCHEMA = json.loads(pathlib.Path(__file__).with_name("cyclonedx_schema.json").read_text(encoding="utf-8"))
@@ -95,13 +96,6 @@ class ImageTest(unittest.TestCase):
             needed = 0o777 if path.is_symlink() else 0o555 if path.is_dir() else 0o444
             self.assertEqual(mode & needed, needed, path)
 
-    def test_images_take_no_file_with_the_mode_that_it_has_in_the_checkout(self):
-        recipe = (ROOT / "Dockerfile").read_text(encoding="utf-8")
-        images = recipe[recipe.index(" AS runtime"):]
-        copies = re.findall(r"^(?:COPY|ADD) .*", images, re.MULTILINE)
-        self.assertEqual(len(copies), 3)
-        self.assertEqual([line for line in copies if "--from=build" not in line], [])
-
     def test_the_list_of_packages_is_valid_and_whole(self):
         jsonschema.validate(self.bom, SCHEMA)
         listed = {component["name"]: component["version"] for component in self.bom["components"]}
@@ -119,6 +113,28 @@ class ImageTest(unittest.TestCase):
 
     def size(self):
         return sum(path.stat().st_size for path in self.root.rglob("*") if path.is_file() and not path.is_symlink())
+
+
+class DockerfileTest(unittest.TestCase):
+    recipe = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+
+    def test_images_take_no_file_with_the_mode_that_it_has_in_the_checkout(self):
+        images = self.recipe[self.recipe.index(" AS runtime"):]
+        copies = re.findall(r"^(?:COPY|ADD) .*", images, re.MULTILINE)
+        self.assertEqual(len(copies), 3)
+        self.assertEqual([line for line in copies if "--from=build" not in line], [])
+
+    def test_a_new_volume_of_the_trainer_is_for_its_user(self):
+        trainer = re.search(r" AS trainer\n.*?^USER", self.recipe, re.MULTILINE | re.DOTALL)[0]
+        volume = yaml.safe_load((ROOT / "deploy/compose.yaml").read_text(encoding="utf-8"))
+        self.assertEqual(volume["services"]["trainer"]["volumes"], ["training:/data"])
+        self.assertIn("install -d -o holdfast -g holdfast /data", trainer)
+
+    def test_no_more_compilers_run_at_once_than_there_is_memory_for(self):
+        self.assertRegex(self.recipe, r'cmake --build build/release -j "\$\(make -s jobs\)"')
+        for wanted in ([], ["JOBS=3"]):
+            jobs = subprocess.run(["make", "-s", "jobs", *wanted], cwd=ROOT, check=True, capture_output=True, text=True)
+            self.assertRegex(jobs.stdout, r"^3\n$" if wanted else r"^[1-9]\d*\n$")
 
 
 if __name__ == "__main__":
