@@ -115,6 +115,11 @@ TrainerOptions FitToMachine(const TrainRequest& request, const PointModel& model
   return options;
 }
 
+std::string DescribeWait(const GroupOptions& options) {
+  return absl::StrCat("waiting at ", options.address, ":", options.port, " until ", options.world,
+                      " processes are there");
+}
+
 std::string Describe(const TrainRequest& request, const PointModelImpl& model, const ProcessGroup& group) {
   return absl::StrCat("network ", PresetName(request.network), ", ", model.ParameterCount(), " parameters; ",
                       group.world(), group.world() == 1 ? " process; " : " processes; ",
@@ -132,11 +137,13 @@ absl::StatusOr<StopReason> Train(const TrainRequest& request, const GroupOptions
   const SystemClock clock;
   torch::set_num_threads(ThreadCount(request.threads));
   cv::setNumThreads(1);  // clips are made in parallel, not their pixels: OpenCV's pool would take the network's cores
-  auto group = ProcessGroup::Join(options, request.trainer.device.type());
-  if (!group.ok()) return group.status();
-  const bool leads = (*group)->rank() == 0;
+  const bool leads = options.rank == 0;
+  // Before the others are waited for, so that logs and metrics tell of it when one does not come.
   auto observers = leads ? OpenLogs(request, clock) : std::make_unique<ObserverList>();
   if (!observers.ok()) return observers.status();
+  if (options.world > 1) (*observers)->Notice(DescribeWait(options));
+  auto group = ProcessGroup::Join(options, request.trainer.device.type());
+  if (!group.ok()) return group.status();
   auto model = MakeNetwork(request, **observers);
   if (!model.ok()) return model.status();
   (*observers)->Notice(Describe(request, **model, **group));

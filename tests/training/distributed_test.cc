@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/distributed.h"
 
-#include <arpa/inet.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
 #include <torch/types.h>
 #include <torch/utils.h>
-#include <unistd.h>
 
 #include <map>
 #include <thread>
@@ -14,6 +11,7 @@
 
 #include "api/clock.h"
 #include "model/presets.h"
+#include "tests/support/free_port.h"
 #include "tests/support/status_matchers.h"
 #include "training/gradient.h"
 #include "training/loss/clip_step.h"
@@ -35,18 +33,6 @@ absl::StatusOr<GroupOptions> From(const std::map<std::string, std::string>& vari
 absl::StatusOr<GroupOptions> FromTwo(std::map<std::string, std::string> variables) {
   variables.insert({{"RANK", "0"}, {"WORLD_SIZE", "2"}, {"MASTER_ADDR", "a"}, {"MASTER_PORT", "1"}});
   return From(variables);
-}
-
-int FreePort() {
-  const int fd = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address = {};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof(address);
-  const bool bound = bind(fd, reinterpret_cast<sockaddr*>(&address), size) == 0 &&
-                     getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) == 0;
-  close(fd);
-  return bound ? ntohs(address.sin_port) : 0;
 }
 
 // Runs 'body' as each of two ranks, in threads, with all else as 'options' say.

@@ -13,6 +13,7 @@
 
 #include "model/checkpoint/checkpoint.h"
 #include "model/presets.h"
+#include "tests/support/free_port.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -34,9 +35,9 @@ TrainRequest OneStep(const std::string& directory) {
   return request;
 }
 
-absl::Status RunJob(const TrainRequest& request) {
+absl::Status RunJob(const TrainRequest& request, const GroupOptions& options = GroupOptions()) {
   const std::atomic<bool> stop{false};
-  return RunTraining(request, GroupOptions(), stop).status();
+  return RunTraining(request, options, stop).status();
 }
 
 std::string Contents(const std::string& path) {
@@ -80,6 +81,20 @@ TEST(TrainingJobTest, SaysOfAValidationOnlyWhatThereWas) {
   ASSERT_THAT(RunJob(request), IsOk());
   EXPECT_THAT(Contents(dir.File("log.jsonl")), HasSubstr("finished at step 1"));
   EXPECT_THAT(Contents(dir.File("log.jsonl")), Not(HasSubstr("best validation")));
+}
+
+TEST(TrainingJobTest, LogsAndMetricsAreThereWhileOtherProcessesAreWaitedFor) {
+  const TempDir dir;
+  TrainRequest request = OneStep(dir.path());
+  request.metrics_address = "127.0.0.1:0";
+  GroupOptions alone;  // the first of two processes, the second of which does not come
+  alone.world = 2;
+  alone.address = "127.0.0.1";
+  alone.port = FreePort();
+  alone.timeout = absl::Milliseconds(100);
+  EXPECT_THAT(RunJob(request, alone), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(Contents(dir.File("log.jsonl")), HasSubstr("metrics on port"));
+  EXPECT_THAT(Contents(dir.File("log.jsonl")), HasSubstr("until 2 processes are there"));
 }
 
 TEST(TrainingJobTest, AnExceptionBeforeTheFirstStepIsAnError) {

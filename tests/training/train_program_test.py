@@ -3,6 +3,7 @@
 """holdfast-train as its users run it, and what may befall it. Arguments: the program, the repository."""
 import json
 import os
+import re
 import signal
 import socket
 import struct
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import urllib.request
 import zlib
 from pathlib import Path
 
@@ -115,6 +117,20 @@ class TrainProgramTest(unittest.TestCase):
         for rank in (first, second):
             _, errors = rank.communicate()
             self.assertEqual(rank.returncode, 128 + signal.SIGTERM, errors)  # the second one as well: both go on later
+
+    def test_a_rank_that_does_not_come_can_be_seen_from_outside(self):
+        env = {**os.environ, "RANK": "0", "WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1",
+               "MASTER_PORT": str(free_port())}
+        rank = subprocess.Popen(command(self.folder / "out", "--metrics_address=127.0.0.1:0"), env=env,
+                                stdout=subprocess.PIPE, text=True)
+        self.addCleanup(rank.communicate)
+        self.addCleanup(rank.kill)
+        port = re.search(r"metrics on port (\d+)", rank.stdout.readline())[1]
+        self.assertIn("until 2 processes are there", rank.stdout.readline())
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as page:
+            metrics = page.read().decode()
+        for name in ("steps_total", "progress"):  # what the alert about a training that stands still asks for
+            self.assertIn(f"\nholdfast_training_{name} 0\n", metrics)
 
     def write_clip(self, name, frames):
         """Pictures of 64 x 64 whose four points stand still."""
