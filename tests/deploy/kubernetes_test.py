@@ -269,7 +269,8 @@ class ManifestsTest(unittest.TestCase):
         found = {path.parent.relative_to(KUBERNETES).as_posix() for path in KUBERNETES.rglob("kustomization.yaml")}
         parts = {f"components/{name}" for name in COMPONENTS} | {"training/base"}
         self.assertEqual(found, set(KUSTOMIZATIONS) | parts)
-        used = {path.name for path in KUBERNETES.rglob("*.yaml")} - {"kustomization.yaml", "adapter-rules.yaml"}
+        used = {path.name for path in KUBERNETES.rglob("*.yaml")}
+        used -= {"kustomization.yaml", "adapter-rules.yaml", "scrape.yaml"}
         named = "".join(path.read_text(encoding="utf-8") for path in KUBERNETES.rglob("kustomization.yaml"))
         self.assertEqual({name for name in used if name not in named}, set())
 
@@ -295,6 +296,8 @@ class ManifestsTest(unittest.TestCase):
                       pod(("resume-keys",))["spec"]["containers"][0]["env"])
         self.assertIn({"name": "HOLDFAST_OTLP_ENDPOINT", "value": "collector.monitoring:4317"},
                       pod(("tracing",))["spec"]["containers"][0]["env"])
+        services = [item for item in rendered("base", ("headless-service",)) if item["kind"] == "Service"]
+        self.assertEqual([item["spec"].get("clusterIP") for item in services].count("None"), 1)
         self.assertEqual(len(pod(("topology-spread",))["spec"]["topologySpreadConstraints"]), 2)
 
     def test_spans_get_past_the_policies(self):
