@@ -4,8 +4,9 @@
 # shared libraries they load, the weights unless the first program is the client, which has no use for them, the
 # authorities that TLS clients trust, and for every Debian package these come from its copyright and its dpkg status
 # (under status.d, where vulnerability scanners look). With --alone they need nothing else: the C library and its loader
-# come too, and the user 'holdfast', but no shell and no other program. What the image is made of is listed in
-# /usr/share/holdfast/sbom.cdx.json (CycloneDX). Everybody may read all of it, however the checkout may be read.
+# come too, the name of the release (os-release) and the user 'holdfast', but no shell and no other program. What the
+# image is made of, libraries that are headers alone among it, is listed in /usr/share/holdfast/sbom.cdx.json
+# (CycloneDX). Everybody may read all of it, however the checkout may be read.
 set -euo pipefail
 umask 022
 alone=false
@@ -38,6 +39,13 @@ for library in "${libraries[@]}"; do
   cp -L "$library" "$root/usr/lib/holdfast/$(basename "$library")"
   packages+=("$package")
 done
+# These leave no file behind and are in the programs all the same; the client has no Boost.
+headers=(nlohmann/json.hpp)
+[ "$1" = holdfast ] || headers+=(boost/version.hpp)
+for header in "${headers[@]}"; do
+  package=$(dpkg-query -S "/usr/include/$header" | cut -d: -f1)
+  packages+=("$package")
+done
 
 cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
 
@@ -45,6 +53,8 @@ echo /usr/lib/holdfast > "$root/etc/ld.so.conf.d/holdfast.conf"
 if $alone; then
   loader=$(ldd "$1" | awk '$1 ~ /^\// && !seen++ {print $1}')
   install -D -m 755 "$(readlink -f "$loader")" "$root$loader"
+  install -D -m 644 -t "$root/usr/lib" /usr/lib/os-release
+  ln -s ../usr/lib/os-release "$root/etc/os-release"
   echo 'include /etc/ld.so.conf.d/*.conf' > "$root/etc/ld.so.conf"
   ldconfig -r "$root" -X
   echo 'holdfast:x:10001:10001::/:/nonexistent' > "$root/etc/passwd"
@@ -60,4 +70,6 @@ for package in $(printf '%s\n' "${packages[@]}" | sort -u); do
   fi
 done
 version=$("./$1" --version | awk '{print $2}')
-python3 "$here/sbom.py" "$(basename "$1")" "$version" "$root/var/lib/dpkg/status.d" > "$root/usr/share/holdfast/sbom.cdx.json"
+release=$(. /usr/lib/os-release && echo "$ID-${VERSION_ID:-$VERSION_CODENAME}")
+python3 "$here/sbom.py" "$1" "$version" "$release" "$root/var/lib/dpkg/status.d" \
+  > "$root/usr/share/holdfast/sbom.cdx.json"

@@ -102,7 +102,18 @@ class ImageTest(unittest.TestCase):
         self.assertEqual(set(listed), {file.name for file in (self.root / "var/lib/dpkg/status.d").iterdir()})
         for name in ("libc6", "libtorch", "libgrpc++", "libssl", "libopencv-core", "ca-certificates"):
             self.assertTrue(any(package.startswith(name) for package in listed), name)
+        for name in ("nlohmann-json3-dev", "libboost"):  # headers alone
+            self.assertTrue(any(package.startswith(name) for package in listed), name)
         print(f"image: {len(listed)} packages, {self.size() >> 20} MiB")
+
+    def test_scanners_learn_which_release_it_is(self):
+        release = self.root / "etc" / "os-release"
+        self.assertEqual(release.resolve(), (self.root / "usr/lib/os-release").resolve())
+        fields = dict(line.split("=", 1) for line in release.read_text(encoding="utf-8").splitlines())
+        self.assertEqual(fields["ID"], "debian")
+        distro = "distro=debian-" + fields["VERSION_ID"].strip('"')
+        for component in self.bom["components"]:
+            self.assertRegex(component["purl"], rf"^pkg:deb/debian/{re.escape(component['name'])}@\S+&{distro}$")
 
     def test_a_list_that_is_wrong_is_refused(self):
         for fault in ({"name": None}, {"type": "lib"}, {"licence": "Apache-2.0"}):
