@@ -21,7 +21,7 @@ if(HOLDFAST_CLIENT)
   install(FILES client/backoff.h client/credentials.h client/remote_tracker.h
     DESTINATION ${headers}/client COMPONENT libholdfast-dev)
   # For clients in other languages, and for those that speak the protocol by themselves.
-  install(DIRECTORY proto/holdfast DESTINATION ${CMAKE_INSTALL_DATADIR}/holdfast/proto COMPONENT libholdfast-dev)
+  install(DIRECTORY proto/holdfast proto/google DESTINATION ${CMAKE_INSTALL_DATADIR}/holdfast/proto COMPONENT libholdfast-dev)
   configure_package_config_file(cmake/holdfast-config.cmake.in ${PROJECT_BINARY_DIR}/holdfast-config.cmake
     INSTALL_DESTINATION ${config_dir})
   write_basic_package_version_file(${PROJECT_BINARY_DIR}/holdfast-config-version.cmake COMPATIBILITY SameMinorVersion)

@@ -75,6 +75,12 @@ class PackageTest(unittest.TestCase):
         x, y = map(float, lines[-1].split()[1:3])
         self.assertLess(abs(x - 338) + abs(y - 458), 12)  # a bag on the lawn
 
+    def test_the_installed_protocol_compiles_by_itself(self):
+        protocol = self.install("libholdfast-dev") / "share" / "holdfast" / "proto"
+        files = sorted(path.relative_to(protocol).as_posix() for path in protocol.rglob("*.proto"))
+        self.assertIn("holdfast/v1/point_tracking.proto", files)
+        run("protoc", f"--proto_path={protocol}", f"--python_out={self.folder}", *files)
+
     def test_debian_packages_hold_what_they_should_and_could_be_installed(self):
         debs = self.packages()
         self.assertEqual(set(debs), set(PACKAGES))
