@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-import { readdirSync, readFileSync } from "node:fs";
-import { join } from "node:path";
 import { defineConfig, type Plugin } from "vite";
+import { byPackage, license } from "./licenses.ts";
 
 // Few files, of fixed names: they are committed, and the server that embeds them tells versions apart by ETag.
 export default defineConfig({
@@ -23,22 +22,9 @@ function licenses(): Plugin {
   return {
     name: "licenses",
     generateBundle(_options, bundle) {
-      const folders = new Set<string>();
-      for (const chunk of Object.values(bundle)) {
-        for (const id of chunk.type === "chunk" ? Object.keys(chunk.modules) : []) {
-          const folder = /^.*\/node_modules\/(?:@[^/]+\/)?[^/]+(?=\/)/.exec(id.replace("\0", ""))?.[0];
-          if (folder) folders.add(folder);
-        }
-      }
-      const source = [...folders].sort().map(license).join("\n");
+      const files = Object.values(bundle).flatMap((chunk) => (chunk.type === "chunk" ? Object.keys(chunk.modules) : []));
+      const source = [...byPackage(files)].map(([folder, used]) => license(folder, used)).join("\n");
       this.emitFile({ type: "asset", fileName: "licenses.txt", source });
     },
   };
-}
-
-function license(folder: string): string {
-  const { name, version, license } = JSON.parse(readFileSync(join(folder, "package.json"), "utf8"));
-  const file = readdirSync(folder).find((entry) => /^licen[cs]e/i.test(entry));
-  const text = file ? readFileSync(join(folder, file), "utf8").trim() : "";
-  return `${name} ${version}, ${license}, https://www.npmjs.com/package/${name}\n\n${text}\n\n${"-".repeat(100)}\n`;
 }
