@@ -5,11 +5,24 @@
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
+# holdfast_copyright(component package): where Debian wants it, our licence, and that of a library whose headers are in
+# what we compile and which asks for it; the copy is the distribution's.
+function(holdfast_copyright component package)
+  set(place DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/doc/${package} COMPONENT ${component})
+  install(FILES LICENSE ${place} RENAME copyright)
+  install(FILES /usr/share/doc/nlohmann-json3-dev/copyright ${place} RENAME copyright.nlohmann-json OPTIONAL)
+endfunction()
+
 if(HOLDFAST_SERVER)
   install(DIRECTORY weights DESTINATION ${CMAKE_INSTALL_DATADIR}/holdfast COMPONENT holdfast-server)
+  holdfast_copyright(holdfast-server holdfast-server)
+  install(FILES web/dist/licenses.txt DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/doc/holdfast-server
+    RENAME copyright.page COMPONENT holdfast-server)
 endif()
 
 if(HOLDFAST_CLIENT)
+  holdfast_copyright(holdfast holdfast-client)
+  holdfast_copyright(libholdfast-dev libholdfast-dev)
   set(headers ${CMAKE_INSTALL_INCLUDEDIR}/holdfast)
   set(library_dir ${CMAKE_INSTALL_LIBDIR}/holdfast)
   set(config_dir ${CMAKE_INSTALL_LIBDIR}/cmake/holdfast)

@@ -6,7 +6,8 @@
 # (under status.d, where vulnerability scanners look). With --alone they need nothing else: the C library and its loader
 # come too, the name of the release (os-release) and the user 'holdfast', but no shell and no other program. What the
 # image is made of, libraries that are headers alone among it, is listed in /usr/share/holdfast/sbom.cdx.json
-# (CycloneDX). Everybody may read all of it, however the checkout may be read.
+# (CycloneDX), and our own licence, with those of the server's page, is in /usr/share/doc/holdfast. Everybody may read
+# all of it, however the checkout may be read.
 set -euo pipefail
 umask 022
 alone=false
@@ -14,10 +15,13 @@ alone=false
 root=$1
 shift
 here=$(cd "$(dirname "$0")" && pwd)
+source=$here/../..
 mkdir -p "$root"/usr/bin "$root"/usr/lib/holdfast "$root"/usr/share/holdfast "$root"/var/lib/dpkg/status.d \
   "$root"/etc/ld.so.conf.d "$root"/etc/ssl/certs
 install -s -m 755 -t "$root/usr/bin" "$@"
-[ "$1" = holdfast ] || install -D -m 644 -t "$root/usr/share/holdfast/weights" "$here"/../../weights/*
+[ "$1" = holdfast ] || install -D -m 644 -t "$root/usr/share/holdfast/weights" "$source"/weights/*
+install -D -m 644 "$source/LICENSE" "$root/usr/share/doc/holdfast/copyright"
+[ "$1" != holdfast-server ] || install -m 644 "$source/web/dist/licenses.txt" "$root/usr/share/doc/holdfast/copyright.page"
 
 mapfile -t libraries < <(ldd "$@" | awk '$2 == "=>" && $3 ~ /^\// {print $3}' | sort -u)
 # Which package has which file, asked for all of them at once. Packages name files of /usr/lib as /lib, too.

@@ -37,8 +37,9 @@ class ImageTest(unittest.TestCase):
         cls.root = pathlib.Path(cls.folder.name) / "root"
         # From a checkout that is its owner's alone.
         source = pathlib.Path(cls.folder.name) / "source"
-        for part in ("deploy/image", "weights"):
+        for part in ("deploy/image", "weights", "web/dist"):
             shutil.copytree(ROOT / part, source / part)
+        shutil.copy(ROOT / "LICENSE", source)
         subprocess.run(["chmod", "-R", "go=", source], check=True)
         subprocess.run(["sh", "-c", 'umask 077 && exec "$@"', "-", source / "deploy" / "image" / "rootfs.sh", "--alone",
                         cls.root, "holdfast-server", "holdfast-import"], cwd=cls.programs, check=True)
@@ -105,6 +106,14 @@ class ImageTest(unittest.TestCase):
         for name in ("nlohmann-json3-dev", "libboost"):  # headers alone
             self.assertTrue(any(package.startswith(name) for package in listed), name)
         print(f"image: {len(listed)} packages, {self.size() >> 20} MiB")
+
+    def test_it_has_the_licences_of_what_is_in_it(self):
+        doc = self.root / "usr/share/doc"
+        self.assertEqual((doc / "holdfast/copyright").read_bytes(), (ROOT / "LICENSE").read_bytes())
+        self.assertEqual((doc / "holdfast/copyright.page").read_bytes(), (ROOT / "web/dist/licenses.txt").read_bytes())
+        packages = {component["name"] for component in self.bom["components"]}
+        without = {name for name in packages if not (doc / name / "copyright").is_file()}
+        self.assertEqual(without, set())
 
     def test_scanners_learn_which_release_it_is(self):
         release = self.root / "etc" / "os-release"

@@ -89,7 +89,11 @@ class PackageTest(unittest.TestCase):
             run("dpkg-deb", "-x", debs[name], self.folder / name)
             for file in files:
                 self.assertTrue((self.folder / name / file).is_file(), file)
+            licence = (self.folder / name / "usr/share/doc" / name / "copyright").read_text(encoding="utf-8")
+            self.assertIn("Apache License", licence)
             self.assertRegex(run("dpkg-deb", "-f", debs[name], "Version"), r"^0\.\d+\.\d+")
+        page = self.folder / "holdfast-server/usr/share/doc/holdfast-server/copyright.page"
+        self.assertEqual(page.read_bytes(), (ROOT / "web/dist/licenses.txt").read_bytes())
         self.assertIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-server"], "Depends"))
         self.assertNotIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-client"], "Depends"))
         # Windows come with a toolkit, which whoever has no display need not install.
