@@ -1,5 +1,5 @@
 # What is installed beside the programs, and Debian packages of it (make dist):
-#   holdfast-server   the server, the shipped weights, and holdfast-import for others
+#   holdfast-server   the server and its unit for systemd, the shipped weights, and holdfast-import for others
 #   holdfast-client   the command line
 #   libholdfast-dev   the client library: find_package(holdfast), holdfast::client
 include(GNUInstallDirs)
@@ -15,6 +15,7 @@ endfunction()
 
 if(HOLDFAST_SERVER)
   install(DIRECTORY weights DESTINATION ${CMAKE_INSTALL_DATADIR}/holdfast COMPONENT holdfast-server)
+  install(FILES deploy/holdfast-server.service DESTINATION lib/systemd/system COMPONENT holdfast-server)
   holdfast_copyright(holdfast-server holdfast-server)
   install(FILES web/dist/licenses.txt DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/doc/holdfast-server
     RENAME copyright.page COMPONENT holdfast-server)
@@ -61,6 +62,8 @@ set(CPACK_DEBIAN_HOLDFAST-SERVER_PACKAGE_NAME holdfast-server)
 set(CPACK_DEBIAN_HOLDFAST_PACKAGE_NAME holdfast-client)
 set(CPACK_DEBIAN_LIBHOLDFAST-DEV_PACKAGE_NAME libholdfast-dev)
 set(CPACK_DEBIAN_HOLDFAST-SERVER_PACKAGE_SECTION net)
+set(CPACK_DEBIAN_HOLDFAST-SERVER_PACKAGE_CONTROL_EXTRA ${PROJECT_SOURCE_DIR}/deploy/packages/holdfast-server/prerm)
+set(CPACK_DEBIAN_HOLDFAST-SERVER_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_HOLDFAST_PACKAGE_SECTION net)
 # Which client/cli/picture_window.cc looks for.
 math(EXPR opencv "${OpenCV_VERSION_MAJOR} * 100 + ${OpenCV_VERSION_MINOR}")

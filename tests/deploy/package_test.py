@@ -5,6 +5,8 @@ Usage: package_test.py BUILD CMAKE
 """
 import os
 import pathlib
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,6 +27,12 @@ def run(*command, **options):
     if done.returncode != 0:
         raise AssertionError(f"{command}: {done.stdout}{done.stderr}")
     return done.stdout
+
+
+def settings(unit):
+    """{name: value} of a unit's settings."""
+    lines = (line.partition("=") for line in unit.splitlines() if re.match(r"\w+=", line))
+    return {name: value for name, _, value in lines}
 
 
 class PackageTest(unittest.TestCase):
@@ -94,6 +102,8 @@ class PackageTest(unittest.TestCase):
             self.assertRegex(run("dpkg-deb", "-f", debs[name], "Version"), r"^0\.\d+\.\d+")
         page = self.folder / "holdfast-server/usr/share/doc/holdfast-server/copyright.page"
         self.assertEqual(page.read_bytes(), (ROOT / "web/dist/licenses.txt").read_bytes())
+        self.assertEqual(run("dpkg-deb", "-I", debs["holdfast-server"], "prerm"),
+                         (ROOT / "deploy/packages/holdfast-server/prerm").read_text(encoding="utf-8"))
         self.assertIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-server"], "Depends"))
         self.assertNotIn("libtorch", run("dpkg-deb", "-f", debs["holdfast-client"], "Depends"))
         # Windows come with a toolkit, which whoever has no display need not install.
@@ -106,6 +116,21 @@ class PackageTest(unittest.TestCase):
         self.addCleanup(server.stop)
         info = run(self.folder / "holdfast-client/usr/bin/holdfast", "info", f"--server={server.address}")
         self.assertIn("small", info)
+
+    def test_the_service_is_understood_by_systemd(self):
+        prefix = self.install("holdfast-server")
+        unit = (prefix / "lib/systemd/system/holdfast-server.service").read_text(encoding="utf-8")
+        found = settings(unit)
+        self.assertTrue((prefix / "bin" / found["ExecStart"]).is_file())
+        source = (ROOT / "server/streams/served_streams.cc").read_text(encoding="utf-8")
+        flush = int(re.search(r"kFlushTime = absl::Seconds\((\d+)\)", source)[1])
+        grace = int(re.search(r"--grace_period=(\d+)s", run(prefix / "bin/holdfast-server", "--help"))[1])
+        self.assertGreater(int(found["TimeoutStopSec"].removesuffix("s")), grace + flush)
+        if not shutil.which("systemd-analyze"):
+            self.skipTest("there is no systemd-analyze")
+        copy = self.folder / "holdfast-server.service"  # systemd looks for the program in its own folders
+        copy.write_text(unit.replace("ExecStart=", f"ExecStart={prefix}/bin/"), encoding="utf-8")
+        self.assertEqual(run("systemd-analyze", "verify", "--man=no", copy), "")
 
 
 if __name__ == "__main__":

@@ -296,7 +296,7 @@ class ReadmeTest(support.ServedTest, unittest.TestCase):
     @unittest.skipUnless((BUILD / "bin/holdfast-train").exists(), "training is not built")
     def test_flags_that_are_named_exist(self):
         docker = "--network --build-arg --target --user --gpus "
-        others = docker + "--help --install --component --prefix --benchmark_filter --python"
+        others = docker + "--help --now --install --component --prefix --benchmark_filter --python"
         scripts = "".join(text_of(f"tests/benchmark/{name}.py") for name in ("bench", "wait_policy"))
         known = flags_in("".join(self.helps.values()) + scripts + others)
         for document in DOCUMENTS:
