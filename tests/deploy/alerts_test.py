@@ -152,6 +152,14 @@ class RunbookTest(unittest.TestCase):
             found = re.findall(r"^\*\*(.+?)\*\*", self.sections()[alert["alert"]], flags=re.MULTILINE)
             self.assertEqual(found, PARTS, alert["alert"])
 
+    def test_logs_of_many_pods_are_asked_for_whole(self):
+        """kubectl shows ten lines of each pod that a selector finds, unless it is told how many."""
+        commands = re.findall(r"`(kubectl logs [^`]*)`", (SOURCE / RUNBOOK).read_text(encoding="utf-8"))
+        selecting = [command for command in commands if " -l " in command]
+        self.assertTrue(selecting)
+        for command in selecting:
+            self.assertRegex(command, r" --tail=-1 --since=\w+ --prefix\b")
+
     def test_metrics_of_the_runbook_exist(self):
         known = exported_names() | {rule["record"] for rule in rules("rules.yaml")}
         for text in self.sections().values():
