@@ -11,8 +11,8 @@
 
 namespace holdfast {
 
-// A video file as bytes, for what its container says and OpenCV does not tell. What is no file, or
-// cannot be read, is empty.
+// A video file as bytes, for what its container says and FFmpeg does not tell. What is no file, or cannot be read, is
+// empty.
 class ContainerFile {
  public:
   explicit ContainerFile(const std::string& path);

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <opencv2/core.hpp>
-#include <opencv2/videoio.hpp>
-#include <string>
 
 namespace holdfast {
 
@@ -16,8 +15,8 @@ struct Turn {
 
 cv::Mat Turned(const cv::Mat& picture, const Turn& turn);
 
-// Has 'capture' give the pictures of 'input' as they are stored, and says how they are to be turned. For versions of
-// OpenCV turn them in different directions (opencv/opencv#22088), or not at all, and none mirrors them.
-Turn TakeOverTurn(const std::string& input, cv::VideoCapture& capture);
+// 'matrix': {a, b, u, c, d, v, x, y, w}, of fixed-point numbers, as MP4 has it: it takes a pixel (x, y) to (a x + c y,
+// b x + d y). None that turns by other than right angles is followed.
+Turn TurnOf(const int32_t* matrix);
 
 }  // namespace holdfast

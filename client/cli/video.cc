@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -18,9 +17,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 #include "api/clock.h"
-#include "client/cli/container_file.h"
-#include "client/cli/declared_length.h"
-#include "client/cli/upright.h"
+#include "client/cli/video_file.h"
 
 namespace holdfast {
 namespace {
@@ -29,9 +26,8 @@ namespace fs = std::filesystem;
 
 constexpr double kDefaultFps = 30;
 constexpr double kMostFps = 20'000;                     // of high-speed cameras
-constexpr double kDoubtfulFps = 1000;                   // from here on FFmpeg may give a clock's ticks for a rate
-constexpr int kAttempts = 1000;                         // to find a picture behind damaged ones
-constexpr absl::Duration kPatience = absl::Seconds(1);  // with an input that may wait for each of them
+constexpr int kAttempts = 1000;                         // to find a camera's picture behind damaged ones
+constexpr absl::Duration kPatience = absl::Seconds(1);  // with a camera that gives none for now
 constexpr char kCameraPrefix[] = "camera:";
 
 bool IsPicture(const fs::path& path) {
@@ -96,18 +92,6 @@ float Resized(float at, int from, int to) {
   return static_cast<float>((at + kEdge) * to / from - kEdge);
 }
 
-// FFmpeg looks at megabytes or seconds of a stream before it gives a frame, unless it is told not to; that a user told
-// it something wins.
-void TakeFramesAtOnce() { setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "probesize;32|analyzeduration;0", /*overwrite=*/0); }
-
-bool IsAddress(const std::string& input) { return absl::StrContains(input, "://"); }
-
-// FFmpeg takes what stands before a colon for a protocol, but in an absolute path.
-std::string NameForFfmpeg(const std::string& input) {
-  if (input == "-") return "pipe:0";
-  return IsAddress(input) ? input : fs::absolute(input).string();
-}
-
 // A character device of the system's: what lies beside them, as a file in /dev/shm or what a shell gives in place of a
 // name, is read as any other file or pipe.
 bool IsCamera(const std::string& input) {
@@ -117,115 +101,48 @@ bool IsCamera(const std::string& input) {
   return fs::is_character_file(input, ignored);
 }
 
-// By the times of a file's first frames; 0: they do not say.
-double MeasuredFps(const std::string& input) {
-  constexpr int kFrames = 30;
-  cv::VideoCapture capture(NameForFfmpeg(input), cv::CAP_FFMPEG);
-  double last = 0;
-  int steps = -1;
-  for (; steps < kFrames && capture.grab(); ++steps) last = std::max(last, capture.get(cv::CAP_PROP_POS_MSEC) / 1000);
-  return last > 0 ? steps / last : 0;
-}
-
-// Whether there is a next frame. One that cannot be decoded looks like the end, but further ones come behind it.
-bool Grab(cv::VideoCapture& capture, bool live, bool* damaged) {
-  if (capture.grab()) return true;
-  const SystemClock clock;
-  const SteadyTime failed = clock.SteadyNow();
-  for (int i = 0; i < kAttempts && (!live || clock.Since(failed) < kPatience); ++i) {
-    if (capture.grab()) return *damaged = true;
-  }
-  return false;
-}
-
-// Whether OpenCV has the number of frames from the container, and not from its length and rate.
-bool CountsItsFrames(const std::string& input) {
-  ContainerFile file(input);
-  return IsMp4(file) || file.Read(0, 4) == "RIFF";
-}
-
-// JPEGs one after the other, which know no time: FFmpeg takes them for 25 a second.
-bool IsRawMjpeg(const std::string& input) {
-  constexpr absl::string_view kJpeg = "\xFF\xD8\xFF";
-  return input == "-" || ContainerFile(input).Read(0, kJpeg.size()) == kJpeg;
-}
-
-// What OpenCV says, unless that may be the ticks of the container's clock and the frames come at another pace.
-absl::StatusOr<double> FpsOf(const std::string& input, double said) {
-  if (IsRawMjpeg(input)) return 0;
-  if (said < kDoubtfulFps) return said;
-  std::error_code ignored;
-  if (!fs::is_regular_file(input, ignored)) return 0;  // what is read once
-  const auto measured = WithoutException(input, [&] { return MeasuredFps(input); });
-  if (!measured.ok()) return measured.status();
-  return std::abs(*measured - said) < 0.1 * said ? said : *measured;
-}
-
-}  // namespace
-
-// How far a video was read, beside how long it says it is: FFmpeg takes a file that is cut off for one that has ended.
-class FrameSource::VideoExtent {
+// The frames of a camera. A picture that cannot be decoded looks as if the camera had gone, but further ones come
+// behind it.
+class Camera {
  public:
-  // Of the container; 0 or less: not known. 'seconds' is its longest track's, which may be one of sound.
-  VideoExtent(std::string input, int64_t frames, double seconds)
-      : input_(std::move(input)), frames_(frames), seconds_(seconds) {}
+  Camera(std::string input, std::unique_ptr<cv::VideoCapture> capture)
+      : input_(std::move(input)), capture_(std::move(capture)) {}
 
-  // 'at': the frame's time; 0 where it has none, as the last ones of a video whose frames are stored out of order.
-  void Passed(double at) {
-    ++passed_;
-    at_ = std::max(at_, at);
+  bool Advance() {
+    if (capture_->grab()) return true;
+    const SystemClock clock;
+    const SteadyTime failed = clock.SteadyNow();
+    while (clock.Since(failed) < kPatience) {
+      if (!capture_->grab()) continue;
+      ++damages_;
+      return true;
+    }
+    return false;
   }
-  // Between the last frame and the next one something cannot be decoded. DATA_LOSS for what has numbers of its own:
-  // they are not known from there on. What a live input has lost is as if it had not come.
-  absl::Status Damaged() {
-    ++damages_;
-    if (live()) return absl::OkStatus();
-    if (LacksItsEnd(input_)) return End();  // by what is left of its last frame
-    return absl::DataLossError(absl::StrFormat("%s: is damaged: frame %d cannot be decoded", input_, passed_));
+  cv::Mat Picture() {
+    cv::Mat picture;
+    capture_->retrieve(picture);
+    return picture.clone();  // the next one reuses the memory
   }
-  bool live() const { return frames_ <= 0; }
-  // DATA_LOSS where the file itself shows that frames are missing.
-  absl::Status End() {
-    ended_ = true;
-    if (passed_ >= frames_) return absl::OkStatus();
-    lacks_frames_ = CountsItsFrames(input_);
-    if (!LacksItsEnd(input_)) return absl::OkStatus();
-    return absl::DataLossError(
-        absl::StrFormat("%s: is cut off: it ends after %d of %d frames", input_, passed_, frames_));
-  }
-  // What else is odd, which may be right about the end: lengths are inexact, sound may be longer, and an edit list may
-  // leave frames out. Empty: nothing is.
   std::string Doubt() const {
-    if (damages_ > 0) {
-      return absl::StrFormat("%s: is damaged, at %d place%s; pictures were left out there", input_, damages_,
-                             damages_ == 1 ? "" : "s");
-    }
-    if (lacks_frames_) {
-      return absl::StrFormat("%s: gave %d of %d frames; is it damaged, or does an edit list leave some out?", input_,
-                             passed_, frames_);
-    }
-    if (!ended_ || at_ <= 0 || at_ + std::max(1.0, 0.1 * seconds_) >= seconds_) return "";
-    return absl::StrFormat("%s: its pictures end at %.1f of %.1f seconds; is it damaged, or its sound longer?", input_,
-                           at_, seconds_);
+    return damages_ == 0 ? "" : absl::StrCat(input_, ": ", damages_, " damaged pictures were left out");
   }
 
  private:
   const std::string input_;
-  const int64_t frames_;
-  const double seconds_;
-  int64_t passed_ = 0;  // frames
+  const std::unique_ptr<cv::VideoCapture> capture_;
   int64_t damages_ = 0;
-  double at_ = 0;  // seconds
-  bool ended_ = false;
-  bool lacks_frames_ = false;
 };
 
-FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t frames)
+}  // namespace
+
+FrameSource::FrameSource(std::string input, Reader reader, double fps, int64_t frames, bool live)
     : input_(std::move(input)),
       reader_(std::move(reader)),
       fps_(IsRate(fps) ? fps : kDefaultFps),
       fps_is_guess_(!IsRate(fps)),
-      frames_(std::max<int64_t>(0, frames)) {}
+      frames_(std::max<int64_t>(0, frames)),
+      live_(live) {}
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& input, int64_t first_frame) {
   std::error_code ignored;
@@ -240,20 +157,17 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenVideo(const std::string& input) {
-  auto capture = std::make_shared<cv::VideoCapture>();
-  if (input == "-") TakeFramesAtOnce();
-  const auto opened = WithoutException(input, [&] { return capture->open(NameForFfmpeg(input), cv::CAP_FFMPEG); });
+  auto opened = VideoFile::Open(input);
   if (!opened.ok()) return opened.status();
-  if (!*opened) return absl::InvalidArgumentError(absl::StrCat(input, ": is not a video that can be read"));
-  const double fps = capture->get(cv::CAP_PROP_FPS), frames = capture->get(cv::CAP_PROP_FRAME_COUNT);
-  // Where a file does not count its frames OpenCV has taken them from its length and an average rate that may be wrong.
-  const double seconds = std::isfinite(frames / fps) ? frames / fps : 0;
-  const absl::StatusOr<double> rate = FpsOf(input, fps);
-  if (!rate.ok()) return rate.status();
-  const VideoExtent extent(input, std::llround(frames), seconds);
-  const Turn turn = TakeOverTurn(input, *capture);
+  const std::shared_ptr<VideoFile> file = *std::move(opened);
+  Reader reader{[file] { return file->Advance(); },
+                [input, file]() -> absl::StatusOr<cv::Mat> {
+                  auto picture = WithoutException(input, [&] { return file->Picture(); });
+                  return picture.ok() ? *std::move(picture) : picture.status();
+                },
+                [file] { return file->Doubt(); }};
   return std::unique_ptr<FrameSource>(
-      new FrameSource(input, ReaderOf(input, capture, turn, extent), *rate, std::llround(frames)));
+      new FrameSource(input, std::move(reader), file->fps(), file->frames(), file->live()));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const std::string& input) {
@@ -275,7 +189,7 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenDirectory(const st
     return frame;
   };
   return std::unique_ptr<FrameSource>(
-      new FrameSource(input, {advance, retrieve, [] { return ""; }}, kDefaultFps, count));
+      new FrameSource(input, {advance, retrieve, [] { return ""; }}, kDefaultFps, count, /*live=*/false));
 }
 
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::string& input) {
@@ -285,37 +199,15 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::OpenCamera(const std::
     return absl::InvalidArgumentError(absl::StrCat(input, ": expected camera:0, camera:1, ..."));
   }
   const std::string device = number < 0 ? input : absl::StrCat("/dev/video", number);
-  auto capture = std::make_shared<cv::VideoCapture>();
+  auto capture = std::make_unique<cv::VideoCapture>();
   if (!capture->open(device, cv::CAP_V4L2))
     return absl::NotFoundError(absl::StrCat(input, ": no camera answers there"));
-  return std::unique_ptr<FrameSource>(new FrameSource(input, ReaderOf(input, capture, {}, VideoExtent(input, 0, 0)),
-                                                      capture->get(cv::CAP_PROP_FPS), 0));
-}
-
-FrameSource::Reader FrameSource::ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture,
-                                          const Turn& turn, const VideoExtent& length) {
-  const auto extent = std::make_shared<VideoExtent>(length);
-  const auto advance = [input, capture, extent]() -> absl::StatusOr<bool> {
-    bool damaged = false;
-    absl::StatusOr<bool> grabbed = WithoutException(input, [&] { return Grab(*capture, extent->live(), &damaged); });
-    if (!grabbed.ok()) return grabbed;
-    if (absl::Status whole = damaged ? extent->Damaged() : absl::OkStatus(); !whole.ok()) return whole;
-    if (*grabbed) {
-      extent->Passed(capture->get(cv::CAP_PROP_POS_MSEC) / 1000);
-    } else if (absl::Status whole = extent->End(); !whole.ok()) {
-      return whole;
-    }
-    return grabbed;
-  };
-  const auto retrieve = [input, capture, turn] {
-    return WithoutException(input, [&] {
-      cv::Mat frame;
-      capture->retrieve(frame);
-      const cv::Mat turned = Turned(frame, turn);
-      return turned.data == frame.data ? frame.clone() : turned;  // the next frame reuses the memory
-    });
-  };
-  return {advance, retrieve, [extent] { return extent->Doubt(); }};
+  const double fps = capture->get(cv::CAP_PROP_FPS);
+  const auto opened = std::make_shared<Camera>(input, std::move(capture));
+  Reader reader{[input, opened] { return WithoutException(input, [&] { return opened->Advance(); }); },
+                [input, opened] { return WithoutException(input, [&] { return opened->Picture(); }); },
+                [opened] { return opened->Doubt(); }};
+  return std::unique_ptr<FrameSource>(new FrameSource(input, std::move(reader), fps, 0, /*live=*/true));
 }
 
 absl::Status FrameSource::ReadFirst(int64_t frame) {

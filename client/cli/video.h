@@ -5,13 +5,11 @@
 #include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
-#include <opencv2/videoio.hpp>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "api/types.h"
-#include "client/cli/upright.h"
 
 namespace holdfast {
 
@@ -36,26 +34,23 @@ class FrameSource {
   double fps() const { return fps_; }  // 30 for a directory, and as a guess where the input does not say
   bool fps_is_guess() const { return fps_is_guess_; }
   int64_t frames() const { return frames_; }  // as the input announces; 0: not known
-  // Whether frames come whether somebody takes them or not, as those of cameras and of whatever does not say how long
-  // it is.
-  bool live() const { return frames_ == 0; }
+  // Whether frames come whether somebody takes them or not, as those of cameras and of whatever is no file and does not
+  // say how long it is.
+  bool live() const { return live_; }
   // In words, empty where there is nothing: which frames a live input has left out; after the last frame, why it may
   // have come too early. Of the thread that reads.
   std::string doubt() const { return reader_.doubt(); }
 
  private:
-  class VideoExtent;
   struct Reader {
     std::function<absl::StatusOr<bool>()> advance;      // to the next frame; false: there is none
     std::function<absl::StatusOr<cv::Mat>()> retrieve;  // the frame that is advanced to
     std::function<std::string()> doubt;
   };
-  FrameSource(std::string input, Reader reader, double fps, int64_t frames);
+  FrameSource(std::string input, Reader reader, double fps, int64_t frames, bool live);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenVideo(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenDirectory(const std::string& input);
   static absl::StatusOr<std::unique_ptr<FrameSource>> OpenCamera(const std::string& input);
-  static Reader ReaderOf(const std::string& input, const std::shared_ptr<cv::VideoCapture>& capture, const Turn& turn,
-                         const VideoExtent& length);
   absl::Status ReadFirst(int64_t frame);
   absl::StatusOr<cv::Mat> Read();
 
@@ -64,6 +59,7 @@ class FrameSource {
   const double fps_;
   const bool fps_is_guess_;
   const int64_t frames_;
+  const bool live_;
   cv::Mat first_;
   bool first_is_next_ = true;
   int64_t next_number_ = 0;

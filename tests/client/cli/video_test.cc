@@ -7,6 +7,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
@@ -14,6 +15,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "tests/client/cli/remuxed_video.h"
 #include "tests/client/cli/written_video.h"
 #include "tests/support/source_tree.h"
 #include "tests/support/status_matchers.h"
@@ -138,7 +140,7 @@ TEST(FrameSourceTest, AFrameOfAFileThatDoesNotDecodeIsNamed) {
   EXPECT_THAT((*source)->Next(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("a.avi: is damaged: frame 50")));
 }
 
-// Nothing tells it from the end.
+// Nothing follows it, and files may end in what is no frame.
 TEST(FrameSourceTest, ALastFrameThatDoesNotDecodeIsMissed) {
   const TempDir dir;
   WriteVideo(dir.File("a.avi"), "MJPG", 10, 60);
@@ -158,16 +160,44 @@ void WriteJpegs(const std::string& path, int frames) {
   }
 }
 
+// Opens what a pipe gives, which has to hold all of it.
+absl::StatusOr<std::unique_ptr<FrameSource>> OpenThroughPipe(const std::string& bytes) {
+  int ends[2];
+  if (pipe(ends) != 0) return absl::InternalError("no pipe");
+  const auto written = write(ends[1], bytes.data(), bytes.size());
+  close(ends[1]);
+  auto source = FrameSource::Open(absl::StrCat("/dev/fd/", ends[0]));
+  close(ends[0]);
+  if (written != static_cast<ssize_t>(bytes.size())) return absl::InternalError("does not fit into a pipe");
+  return source;
+}
+
 TEST(FrameSourceTest, AFrameOfALiveInputThatDoesNotDecodeIsLeftOut) {
   const TempDir dir;
   WriteJpegs(dir.File("a.mjpg"), 20);
   DamageJpeg(dir.File("a.mjpg"), 10);
-  const auto source = FrameSource::Open(dir.File("a.mjpg"));
+  const auto source = OpenThroughPipe(BytesOf(dir.File("a.mjpg")));
   ASSERT_THAT(source, IsOk());
   EXPECT_TRUE((*source)->live());
   EXPECT_EQ((*source)->doubt(), "");
   EXPECT_THAT(FramesLeft(**source), IsOkAndHolds(19));
-  EXPECT_THAT((*source)->doubt(), HasSubstr("a.mjpg: is damaged, at 1 place"));
+  EXPECT_THAT((*source)->doubt(), HasSubstr("is damaged, at 1 place"));
+}
+
+// It waits for whoever reads it, and its frames have numbers.
+TEST(FrameSourceTest, AFileThatDoesNotSayHowLongItIsIsNotLive) {
+  const TempDir dir;
+  WriteJpegs(dir.File("a.mjpg"), 20);
+  const auto whole = FrameSource::Open(dir.File("a.mjpg"));
+  ASSERT_THAT(whole, IsOk());
+  EXPECT_FALSE((*whole)->live());
+  EXPECT_EQ((*whole)->frames(), 0);
+  EXPECT_THAT(FramesLeft(**whole), IsOkAndHolds(20));
+  EXPECT_EQ((*whole)->doubt(), "");
+  DamageJpeg(dir.File("a.mjpg"), 10);
+  const auto damaged = FrameSource::Open(dir.File("a.mjpg"));
+  ASSERT_THAT(damaged, IsOk());
+  EXPECT_THAT(FramesLeft(**damaged), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("frame 10 cannot be decoded")));
 }
 
 TEST(FrameSourceTest, JpegsOneAfterTheOtherSayNoRate) {
@@ -188,6 +218,40 @@ TEST(FrameSourceTest, AnMp4WithoutItsEndIsAnErrorWhereItsIndexComesFirst) {
   const auto source = FrameSource::Open(dir.File("cut.mp4"));
   ASSERT_THAT(source, IsOk());
   EXPECT_THAT(FramesLeft(**source), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("of 160 frames")));
+}
+
+TEST(FrameSourceTest, SoundHasNoSayInWhereAVideoEnds) {
+  const TempDir dir;
+  for (const char* name : {"long.mkv", "long.mov"}) {
+    Remux(InSourceTree("media/pedestrians.mp4"), dir.File(name), {}, /*sounds=*/5000);
+    const auto source = FrameSource::Open(dir.File(name));
+    ASSERT_THAT(source, IsOk()) << name;
+    EXPECT_THAT(FramesLeft(**source), IsOkAndHolds(160)) << name;
+  }
+}
+
+// An MP4 counts the frames of its first fragment alone.
+TEST(FrameSourceTest, AllFragmentsOfAnMp4AreRead) {
+  const TempDir dir;
+  Remux(InSourceTree("media/pedestrians.mp4"), dir.File("a.mp4"), {{"frag_duration", "2000000"}});
+  const auto whole = FrameSource::Open(dir.File("a.mp4"));
+  ASSERT_THAT(whole, IsOk());
+  EXPECT_LT((*whole)->frames(), 160);
+  EXPECT_THAT(FramesLeft(**whole), IsOkAndHolds(160));
+  EXPECT_EQ((*whole)->doubt(), "");
+  std::filesystem::resize_file(dir.File("a.mp4"), std::filesystem::file_size(dir.File("a.mp4")) * 3 / 4);
+  const auto cut = FrameSource::Open(dir.File("a.mp4"));
+  ASSERT_THAT(cut, IsOk());
+  EXPECT_THAT(FramesLeft(**cut), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("a.mp4: is cut off")));
+}
+
+TEST(FrameSourceTest, FramesThatAreMissingWithinAVideoAreDoubted) {
+  const TempDir dir;
+  Remux(InSourceTree("media/pedestrians.mp4"), dir.File("a.mkv"), {}, /*sounds=*/0, /*from=*/70, /*to=*/100);
+  const auto source = FrameSource::Open(dir.File("a.mkv"));
+  ASSERT_THAT(source, IsOk());
+  EXPECT_THAT(FramesLeft(**source), IsOk());
+  EXPECT_THAT((*source)->doubt(), HasSubstr("a.mkv: no frame comes for"));
 }
 
 // 64x48, with a red upper left corner, and the matrix {a, b, u, c, d, v, x, y, w} of its track replaced: what it is
@@ -262,13 +326,7 @@ TEST(FrameSourceTest, NotAllBelowDevIsACamera) {
   }
   const TempDir dir;
   WriteVideo(dir.File("a.avi"), "MJPG", 10, 3);
-  const std::string bytes = BytesOf(dir.File("a.avi"));
-  int ends[2];
-  ASSERT_EQ(pipe(ends), 0);
-  ASSERT_EQ(write(ends[1], bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size())) << "fits into a pipe";
-  close(ends[1]);
-  const auto piped = FrameSource::Open(absl::StrCat("/dev/fd/", ends[0]));
-  close(ends[0]);
+  const auto piped = OpenThroughPipe(BytesOf(dir.File("a.avi")));
   ASSERT_THAT(piped, IsOk());
   EXPECT_THAT(FramesLeft(**piped), IsOkAndHolds(3));
   EXPECT_THAT(FrameSource::Open("/dev/video987"), StatusIs(absl::StatusCode::kNotFound, HasSubstr("no such file")));
