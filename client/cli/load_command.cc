@@ -14,6 +14,7 @@
 #include "api/steady_event.h"
 #include "client/cli/load_report.h"
 #include "client/cli/point_source.h"
+#include "client/cli/sending.h"
 #include "client/cli/video.h"
 #include "io/atomic_file.h"
 
@@ -89,22 +90,25 @@ std::vector<LoadResult> RunClients(const LoadOptions& options, const Film& film,
   std::vector<LoadResult> results(kinds.size());
   std::deque<Waiter> waiters;
   for (size_t i = 0; i < kinds.size(); ++i) waiters.emplace_back(clock);
-  environment.stop.SetCallback([&waiters] {
+  std::deque<LoadSession> clients;
+  for (size_t i = 0; i < kinds.size(); ++i) {
+    const LoadSession::Options client{kinds[i],
+                                      ConfigOf(options, film.size),
+                                      film.frames,
+                                      options.fps,
+                                      options.duration,
+                                      i,
+                                      options.ramp * static_cast<int64_t>(i) / static_cast<int64_t>(kinds.size())};
+    const auto wait = [&waiter = waiters[i]](SteadyTime until) { return waiter.WaitUntil(until); };
+    clients.emplace_back(client, environment.connect, clock, wait);
+  }
+  environment.stop.SetCallback([&waiters, &clients] {
     for (Waiter& waiter : waiters) waiter.Stop();
+    for (LoadSession& client : clients) client.Stop();
   });
   std::vector<std::thread> threads;
   for (size_t i = 0; i < kinds.size(); ++i) {
-    threads.emplace_back([&, i] {
-      const LoadSession::Options client{kinds[i],
-                                        ConfigOf(options, film.size),
-                                        film.frames,
-                                        options.fps,
-                                        options.duration,
-                                        i,
-                                        options.ramp * static_cast<int64_t>(i) / static_cast<int64_t>(kinds.size())};
-      const auto wait = [&waiter = waiters[i]](SteadyTime until) { return waiter.WaitUntil(until); };
-      results[i] = LoadSession(client, environment.connect, clock, wait).Run();
-    });
+    threads.emplace_back([&result = results[i], &client = clients[i]] { result = client.Run(); });
   }
   for (std::thread& thread : threads) thread.join();
   environment.stop.SetCallback(nullptr);
@@ -133,6 +137,8 @@ absl::Status LoadOptions::Validate() const {
   if (ramp < absl::ZeroDuration() || ramp > duration) {
     return absl::InvalidArgumentError("--ramp: expected 0 to as many as --seconds");
   }
+  const absl::Status sending = CheckSending(max_side, jpeg_quality, processing_size, promise_fps);
+  if (!sending.ok()) return sending;
   if (!out.empty() && !absl::EndsWith(out, ".json")) {
     return absl::InvalidArgumentError(absl::StrCat("--out: load writes .json, got ", out));
   }

@@ -141,13 +141,28 @@ bool LoadSession::RunSession(PointTracker& tracker, LoadResult& result) {
   }
   ++result.sessions;
   ++opened_;
-  const absl::Status status = Send(**stream, observer);
+  SetStream(stream->get());
+  absl::Status status = Send(**stream, observer);
+  SetStream(nullptr);
   stream->reset();
   result.active += clock_.Since(begin);
   observer.AddTo(result);
+  if (IsStopped() && absl::IsCancelled(status)) status = absl::OkStatus();
   const bool expected = status.ok() || (options_.kind == LoadKind::kBad && absl::IsInvalidArgument(status));
   if (!expected) result.errors.push_back(status);
   return !IsStopped();
+}
+
+void LoadSession::SetStream(TrackStream* stream) {
+  absl::MutexLock lock(&mutex_);
+  stream_ = stream;
+  if (stopped_ && stream_ != nullptr) stream_->Cancel();
+}
+
+void LoadSession::Stop() {
+  absl::MutexLock lock(&mutex_);
+  stopped_ = true;
+  if (stream_ != nullptr) stream_->Cancel();
 }
 
 bool LoadSession::Pause(absl::Duration duration) const {

@@ -8,8 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include "api/clock.h"
 #include "api/point_tracker.h"
@@ -63,6 +65,8 @@ class LoadSession {
 
   // Blocks for the duration and until the last session is over.
   LoadResult Run();
+  // From any thread: the session in progress waits for nothing more. 'wait' has to tell of it before.
+  void Stop() ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
   // One session; false: it makes no sense to open another.
@@ -70,6 +74,8 @@ class LoadSession {
   absl::Status Send(TrackStream& stream, class LoadObserver& observer);
   // At most to the end of the time; false: the run is stopped.
   bool Pause(absl::Duration duration) const;
+  // 'stream' is what Stop cancels; null: nothing.
+  void SetStream(TrackStream* stream) ABSL_LOCKS_EXCLUDED(mutex_);
   bool IsStopped() const { return !Pause(absl::ZeroDuration()); }
   bool TimeIsOver() const { return clock_.SteadyNow() >= end_; }
   // Frames that a client that goes away sends before.
@@ -82,6 +88,9 @@ class LoadSession {
   std::mt19937_64 random_;
   SteadyTime end_;
   uint64_t opened_ = 0;
+  absl::Mutex mutex_;
+  TrackStream* stream_ ABSL_GUARDED_BY(mutex_) = nullptr;
+  bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 }  // namespace holdfast

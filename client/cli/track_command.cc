@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "client/cli/sending.h"
 #include "client/cli/track_output.h"
 #include "client/cli/track_run.h"
 #include "client/cli/track_writer.h"
@@ -95,14 +96,8 @@ absl::Status TrackOptions::Validate() const {
   if (absl::Status status = TrackOutput::ValidatePath(out); !status.ok()) return status;
   if (absl::Status status = overlay.Validate(); !status.ok()) return status;
   if (absl::Status status = points.Validate(); !status.ok()) return status;
-  if (jpeg_quality < 1 || jpeg_quality > 100) return absl::InvalidArgumentError("--jpeg_quality: expected 1..100");
-  if (max_side < 0 || (max_side > 0 && max_side < 32)) {
-    return absl::InvalidArgumentError("--max_side: expected 0 or at least 32");
-  }
-  if (!processing_size.empty() && !IsProcessingSize(processing_size)) {
-    return absl::InvalidArgumentError(absl::StrCat("--processing_size: expected multiples of ", kProcessingSizeStep,
-                                                   ", such as 512x384; got ", ToString(processing_size)));
-  }
+  const absl::Status sending = CheckSending(max_side, jpeg_quality, processing_size, promise_fps);
+  if (!sending.ok()) return sending;
   if (absl::Status status = ValidateFrames(*this); !status.ok()) return status;
   if (max_frames < 0) return absl::InvalidArgumentError("--max_frames: expected 0 or more");
   if (iterations < 0) return absl::InvalidArgumentError("--iterations: expected 0 or more");

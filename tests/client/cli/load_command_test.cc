@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
@@ -49,6 +50,11 @@ TEST(LoadOptionsTest, SaysWhatIsWrong) {
   expect("--bad", [](LoadOptions& o) { o.bad = -1; });
   expect("at most 100 per cent", [](LoadOptions& o) { o.slow = o.cancel = 60; });
   expect("--out", [](LoadOptions& o) { o.out = "load.csv"; });
+  expect("--max_side", [](LoadOptions& o) { o.max_side = -5; });
+  expect("--jpeg_quality", [](LoadOptions& o) { o.jpeg_quality = 500; });
+  expect("--processing_size", [](LoadOptions& o) { o.processing_size = {500, 384}; });
+  expect("--promise_fps", [](LoadOptions& o) { o.promise_fps = -3; });
+  expect("--promise_fps", [](LoadOptions& o) { o.promise_fps = std::nan(""); });
 }
 
 TEST(LoadOptionsTest, SharesBecomeWholeClients) {

@@ -4,10 +4,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
 #include <set>
+#include <thread>
 #include <utility>
 #include <vector>
 
+#include "absl/synchronization/notification.h"
 #include "api/errors.h"
 #include "tests/support/fake_tracker.h"
 #include "tests/support/simulated_clock.h"
@@ -37,6 +41,40 @@ class FullTracker final : public PointTracker {
  private:
   const Clock& clock_;
   std::vector<SteadyTime>& asked_;
+};
+
+// A stream whose end never comes, unless it is cancelled.
+class EndlessStream final : public TrackStream {
+ public:
+  EndlessStream(absl::Notification& finishing, TrackObserver& observer) : finishing_(finishing), observer_(observer) {}
+  absl::Status PushFrame(Frame) override { return absl::OkStatus(); }
+  absl::Status AddPoints(std::vector<PointQuery>) override { return absl::OkStatus(); }
+  absl::Status RemovePoints(std::vector<PointId>) override { return absl::OkStatus(); }
+  absl::Status Finish() override {
+    finishing_.Notify();
+    cancelled_.WaitForNotification();
+    const absl::Status status = absl::CancelledError("as asked");
+    observer_.OnDone(status, {});
+    return status;
+  }
+  void Cancel() override { cancelled_.Notify(); }
+
+ private:
+  absl::Notification& finishing_;
+  TrackObserver& observer_;
+  absl::Notification cancelled_;
+};
+
+class EndlessTracker final : public PointTracker {
+ public:
+  explicit EndlessTracker(absl::Notification& finishing) : finishing_(finishing) {}
+  absl::StatusOr<std::unique_ptr<TrackStream>> Open(const SessionConfig&, TrackObserver& observer) override {
+    return std::make_unique<EndlessStream>(finishing_, observer);
+  }
+  absl::StatusOr<TrackerInfo> Info() override { return TrackerInfo{}; }
+
+ private:
+  absl::Notification& finishing_;
 };
 
 class LoadSessionTest : public ::testing::Test {
@@ -163,6 +201,27 @@ TEST_F(LoadSessionTest, AStoppedRunEndsWithWhatItHas) {
   const LoadResult result = RunOnFake();
   EXPECT_EQ(result.sessions, 1);
   EXPECT_EQ(result.frames, 0);
+  EXPECT_THAT(result.errors, IsEmpty());
+}
+
+TEST_F(LoadSessionTest, AStoppedRunDoesNotWaitForTheEndOfASession) {
+  absl::Notification finishing;
+  std::atomic<bool> stopped = false;
+  const auto connect = [&finishing]() -> absl::StatusOr<std::unique_ptr<PointTracker>> {
+    return std::make_unique<EndlessTracker>(finishing);
+  };
+  const auto wait = [this, &stopped](SteadyTime until) {
+    clock_.Advance(std::max(absl::ZeroDuration(), Between(clock_.SteadyNow(), until)));
+    return !stopped;
+  };
+  LoadSession session(options_, connect, clock_, wait);
+  LoadResult result;
+  std::thread client([&] { result = session.Run(); });
+  finishing.WaitForNotification();
+  stopped = true;
+  session.Stop();
+  client.join();
+  EXPECT_EQ(result.sessions, 1);
   EXPECT_THAT(result.errors, IsEmpty());
 }
 
