@@ -16,18 +16,22 @@ void AnswerTimes::Sent() {
 int64_t AnswerTimes::Answered(const TrackUpdate& update) {
   const SteadyTime now = now_();
   absl::MutexLock lock(&mutex_);
-  int64_t before = 0;
+  const auto sent = static_cast<int64_t>(sent_.size());
+  int64_t first = sent, before = 0;
   for (const PointRun& run : update.runs) {
+    first = std::min(first, run.first_frame);
     before = std::max(before, run.first_frame + static_cast<int64_t>(run.x.size()));
   }
-  before = std::min(before, static_cast<int64_t>(sent_.size()));
-  while (static_cast<int64_t>(waited_.count()) < before) waited_.Add(Between(sent_[waited_.count()], now));
-  return static_cast<int64_t>(waited_.count());
+  before = std::min(before, sent);
+  for (int64_t frame = std::max(first, answered_); frame < before; ++frame) {
+    waited_.Add(Between(sent_[static_cast<size_t>(frame)], now));
+  }
+  return answered_ = std::max(answered_, before);
 }
 
 int64_t AnswerTimes::answered() const {
   absl::MutexLock lock(&mutex_);
-  return static_cast<int64_t>(waited_.count());
+  return answered_;
 }
 
 std::string AnswerTimes::Summary() const {

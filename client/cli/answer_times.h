@@ -15,7 +15,7 @@
 
 namespace holdfast {
 
-// How long each frame waited for its first estimate. Thread-safe.
+// How long each frame waited for its first estimate. Frames before the first point do not wait. Thread-safe.
 class AnswerTimes {
  public:
   explicit AnswerTimes(std::function<SteadyTime()> now) : now_(std::move(now)) {}
@@ -32,7 +32,8 @@ class AnswerTimes {
   const std::function<SteadyTime()> now_;
   mutable absl::Mutex mutex_;
   std::vector<SteadyTime> sent_ ABSL_GUARDED_BY(mutex_);
-  Latencies waited_ ABSL_GUARDED_BY(mutex_);  // of frames 0 .. answered - 1
+  int64_t answered_ ABSL_GUARDED_BY(mutex_) = 0;  // frames up to the newest that has an estimate
+  Latencies waited_ ABSL_GUARDED_BY(mutex_);      // of those of them that were not there before their first estimate
 };
 
 }  // namespace holdfast

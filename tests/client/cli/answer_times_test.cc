@@ -31,5 +31,18 @@ TEST(AnswerTimesTest, CountsTheFirstEstimateOfEachFrame) {
   EXPECT_EQ(times.Summary(), "first estimate of a frame after 400 ms (median), 1200 ms (95 % of frames)\n");
 }
 
+TEST(AnswerTimesTest, FramesBeforeTheFirstPointDoNotWait) {
+  SteadyTime now;
+  AnswerTimes times([&now] { return now; });
+  for (int i = 0; i < 10; ++i) {
+    times.Sent();
+    now += std::chrono::milliseconds(100);
+  }
+  EXPECT_EQ(times.Answered(TrackUpdate()), 0);
+  EXPECT_EQ(times.Answered(UpdateOf(8, 2)), 10);  // after 200 and 100 ms
+  EXPECT_EQ(times.answered(), 10);
+  EXPECT_EQ(times.Summary(), "first estimate of a frame after 100 ms (median), 200 ms (95 % of frames)\n");
+}
+
 }  // namespace
 }  // namespace holdfast
