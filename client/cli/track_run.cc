@@ -44,7 +44,8 @@ int64_t ProgressTotal(const TrackOptions& options, const FrameChoice& choice, in
 
 // The overlay plays as long as what it was made of.
 VideoFacts OverlayFacts(const TrackOptions& options, VideoFacts facts) {
-  facts.fps /= static_cast<double>(options.every);
+  constexpr double kSlowest = 0.01;  // that a video's header can be relied on to hold
+  facts.fps = std::max(kSlowest, facts.fps / static_cast<double>(options.every));
   return facts;
 }
 
