@@ -2,6 +2,7 @@
 import {
   BlobSource,
   CanvasSink,
+  type EncodedPacket,
   EncodedPacketSink,
   Input,
   type InputVideoTrack,
@@ -11,6 +12,8 @@ import {
   WEBM,
 } from "mediabunny";
 import { type Encoding, JpegEncoder, type Picture, sentSize, type Source } from "./source";
+
+const DEFAULT_FPS = 30; // of a video of one frame, or whose frames have no times
 
 interface TimedImage {
   image: CanvasImageSource;
@@ -22,12 +25,12 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
   const input = new Input({ formats: [MP4, QTFF, MATROSKA, WEBM], source: new BlobSource(file) });
   const track = await input.getPrimaryVideoTrack().catch(() => null);
   if (!track) throw new Error(`${label} has no video that can be read: expected .mp4, .mov, .mkv or .webm.`);
-  const stats = await track.computePacketStats();
+  const shown = await shownPackets(track);
   const own = { width: await track.getDisplayWidth(), height: await track.getDisplayHeight() };
   const size = sentSize(own, encoding);
   const codec = await track.getCodec();
   const refused = `${label} is a video${codec ? ` (${codec})` : ""} that this browser does not decode: most know H.264, VP9 and AV1.`;
-  const images = (await decodes(track)) ? decoded(track) : sought(track, file, refused);
+  const images = (await decodes(track)) ? decoded(track) : sought(shown, file, refused);
   const encoder = new JpegEncoder(size.width, size.height, encoding.quality);
   let begin: number | null = null;
 
@@ -41,33 +44,45 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
     void images.return(undefined);
     input.dispose();
   };
-  const fps = stats.averagePacketRate;
-  return { label, live: false, ...size, own, fps, frames: stats.packetCount, dropped: 0, next, close };
+  return { label, live: false, ...size, own, fps: rateOf(shown), frames: shown.length, dropped: 0, next, close };
+}
+
+/**
+ * Those of the frames that are to be seen, in the order of presentation. Trimming leaves frames in a file, with times
+ * below 0, as those behind it need them to be decoded.
+ */
+async function shownPackets(track: InputVideoTrack): Promise<EncodedPacket[]> {
+  const shown: EncodedPacket[] = [];
+  for await (const packet of new EncodedPacketSink(track).packets(undefined, undefined, { metadataOnly: true })) {
+    if (packet.timestamp >= 0) shown.push(packet);
+  }
+  return shown.sort((a, b) => a.timestamp - b.timestamp);
+}
+
+// Frames a second; of a rate that varies, its mean.
+function rateOf(shown: readonly EncodedPacket[]): number {
+  const seconds = (shown.at(-1)?.timestamp ?? 0) - (shown[0]?.timestamp ?? 0);
+  return seconds > 0 ? (shown.length - 1) / seconds : DEFAULT_FPS;
 }
 
 // Browsers have decoders for pages of https and localhost only.
 const decodes = async (track: InputVideoTrack) => "VideoDecoder" in window && (await track.canDecode());
 
 async function* decoded(track: InputVideoTrack): AsyncGenerator<TimedImage, void> {
-  for await (const { canvas, timestamp } of new CanvasSink(track, { poolSize: 3 }).canvases()) {
-    yield { image: canvas, seconds: timestamp };
+  for await (const { canvas, timestamp } of new CanvasSink(track, { poolSize: 3 }).canvases(0)) {
+    if (timestamp >= 0) yield { image: canvas, seconds: timestamp }; // not what began before 0, and is on then
   }
 }
 
 // Where there is no decoder, a video element is led from frame to frame: slower, and as exact.
-async function* sought(track: InputVideoTrack, file: Blob, refused: string): AsyncGenerator<TimedImage, void> {
-  const times: [number, number][] = [];
-  for await (const packet of new EncodedPacketSink(track).packets(undefined, undefined, { metadataOnly: true })) {
-    times.push([packet.timestamp, packet.duration]);
-  }
-  times.sort(([a], [b]) => a - b);
+async function* sought(shown: readonly EncodedPacket[], file: Blob, refused: string): AsyncGenerator<TimedImage, void> {
   const video = document.createElement("video");
   video.muted = true;
-  video.src = URL.createObjectURL(file);
   try {
-    for (const [start, duration] of times) {
-      await seek(video, start + duration / 2, refused);
-      yield { image: video, seconds: start };
+    await happens(video, "loadedmetadata", refused, () => (video.src = URL.createObjectURL(file)));
+    for (const { timestamp, duration } of shown) {
+      await happens(video, "seeked", refused, () => (video.currentTime = timestamp + duration / 2));
+      yield { image: video, seconds: timestamp };
     }
   } finally {
     URL.revokeObjectURL(video.src);
@@ -75,10 +90,10 @@ async function* sought(track: InputVideoTrack, file: Blob, refused: string): Asy
   }
 }
 
-function seek(video: HTMLVideoElement, seconds: number, refused: string): Promise<void> {
+function happens(video: HTMLVideoElement, event: "loadedmetadata" | "seeked", refused: string, act: () => void): Promise<void> {
   return new Promise((resolve, reject) => {
-    video.onseeked = () => resolve();
+    video[`on${event}`] = () => resolve();
     video.onerror = () => reject(new Error(refused));
-    video.currentTime = seconds;
+    act();
   });
 }

@@ -44,6 +44,11 @@ export class Visitor {
     await this.firstFrame();
   }
 
+  async openVideo(path: string): Promise<void> {
+    await this.page.locator("input[aria-label=Video]").setInputFiles(path);
+    await this.firstFrame();
+  }
+
   async openPictures(paths: string[]): Promise<void> {
     await this.page.getByLabel("Pictures").setInputFiles(paths);
     await this.firstFrame();
