@@ -8,3 +8,14 @@ export function trimmed(mp4: Uint8Array, ticks: number): Uint8Array<ArrayBuffer>
   view.setInt32(mediaTime, view.getInt32(mediaTime) + ticks);
   return copy;
 }
+
+/** A copy of an MP4 file whose pixels are so many times as wide as high. Its rates give way to that, in as many bytes. */
+export function stretched(mp4: Uint8Array, factor: number): Uint8Array<ArrayBuffer> {
+  const copy = Uint8Array.from(mp4);
+  const rates = Buffer.from(copy.buffer).indexOf("btrt");
+  copy.set(Buffer.from("pasp"), rates);
+  const view = new DataView(copy.buffer);
+  view.setUint32(rates + 4, factor);
+  view.setUint32(rates + 8, 1);
+  return copy;
+}

@@ -11,7 +11,7 @@ import {
   QTFF,
   WEBM,
 } from "mediabunny";
-import { type Encoding, JpegEncoder, type Picture, sentSize, type Source } from "./source";
+import { type Encoding, JpegEncoder, type Picture, sentSize, type Size, type Source } from "./source";
 
 const DEFAULT_FPS = 30; // of a video of one frame, or whose frames have no times
 
@@ -26,8 +26,8 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
   const track = await input.getPrimaryVideoTrack().catch(() => null);
   if (!track) throw new Error(`${label} has no video that can be read: expected .mp4, .mov, .mkv or .webm.`);
   const shown = await shownPackets(track);
-  const own = { width: await track.getDisplayWidth(), height: await track.getDisplayHeight() };
-  const size = sentSize(own, encoding);
+  const own = await storedSize(track);
+  const size = sentSize({ width: await track.getDisplayWidth(), height: await track.getDisplayHeight() }, encoding);
   const codec = await track.getCodec();
   const refused = `${label} is a video${codec ? ` (${codec})` : ""} that this browser does not decode: most know H.264, VP9 and AV1.`;
   const images = (await decodes(track)) ? decoded(track) : sought(shown, file, refused);
@@ -45,6 +45,12 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
     input.dispose();
   };
   return { label, live: false, ...size, own, fps: rateOf(shown), frames: shown.length, dropped: 0, next, close };
+}
+
+// Of frames as they are stored, once they are turned: pixels of tracks are these, also where they are not square.
+async function storedSize(track: InputVideoTrack): Promise<Size> {
+  const [width, height] = [await track.getCodedWidth(), await track.getCodedHeight()];
+  return (await track.getRotation()) % 180 === 0 ? { width, height } : { width: height, height: width };
 }
 
 /**

@@ -6,7 +6,7 @@ import { strFromU8, unzipSync } from "fflate";
 import { BufferSource, Input, WEBM } from "mediabunny";
 import type { Browser } from "playwright-core";
 import { afterAll, afterEach, beforeAll, expect, test } from "vitest";
-import { trimmed } from "../video_file";
+import { stretched, trimmed } from "../video_file";
 import { launch, Visitor } from "./page";
 import { sentFrames } from "./recorder";
 import { BIN, CLIP, ROOT, run, scratch, Server } from "./server";
@@ -212,6 +212,22 @@ test("a clip that is shrunk before it is sent has files in its own pixels", asyn
     const [foundX, foundY] = points[i].xy[0];
     expect(Math.hypot(foundX - x, foundY - y)).toBeLessThan(0.01); // where it was clicked, in the clip's own pixels
   });
+});
+
+test("a clip whose pixels are wide has files in its own pixels", async () => {
+  const clip = join(scratch(), "wide.mp4");
+  writeFileSync(clip, stretched(readFileSync(CLIP), 2));
+  visitor = await Visitor.at(browser, server.url);
+  await visitor.openVideo(clip);
+  const { x, y } = await visitor.clickNear(2 * 513 + 0.5, 162, 2 * 768, 576);
+  await visitor.page.keyboard.press("Space");
+  await visitor.until("sent", 2);
+  await visitor.page.keyboard.press("s");
+  await visitor.done();
+  const { width, height, points } = JSON.parse(String(await visitor.save("JSON")));
+  expect([width, height]).toEqual([768, 576]);
+  const [foundX, foundY] = points[0].xy[0];
+  expect(Math.hypot(foundX - ((x + 0.5) / 2 - 0.5), foundY - y)).toBeLessThan(0.01);
 });
 
 /** A JPEG whose Exif says that its right side is to be the bottom. */

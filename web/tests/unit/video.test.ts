@@ -5,7 +5,7 @@ import { join } from "node:path";
 import { beforeEach, expect, test, vi } from "vitest";
 import type { Picture, Source } from "../../src/sources/source";
 import { openVideo } from "../../src/sources/video";
-import { trimmed } from "../video_file";
+import { stretched, trimmed } from "../video_file";
 
 const CLIP = readFileSync(join(import.meta.dirname, "../../../media/pedestrians.mp4"));
 const FRAMES = 160;
@@ -72,4 +72,9 @@ test.each([[0, 10], [1, 11], [TICKS - 1, 11]])(
 
 test("a video of a single frame has a rate", async () => {
   expect(await open(trimmed(CLIP, (FRAMES - 1) * TICKS))).toMatchObject({ frames: 1, fps: 30 });
+});
+
+test("a video of wide pixels is sent as it is seen, and its tracks are in the pixels that it has", async () => {
+  expect(await open(stretched(CLIP, 2))).toMatchObject({ width: 1536, height: 576, own: { width: 768, height: 576 } });
+  expect(await open(stretched(CLIP, 2), 768)).toMatchObject({ width: 768, height: 288, own: { width: 768, height: 576 } });
 });
