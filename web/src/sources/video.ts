@@ -33,9 +33,13 @@ export async function openVideo(file: Blob, label: string, encoding: Encoding): 
   const images = (await decodes(track)) ? decoded(track) : sought(shown, file, refused);
   const encoder = new JpegEncoder(size.width, size.height, encoding.quality);
   let begin: number | null = null;
+  let failure: unknown = null; // stays: a generator that failed would say that the video has ended
 
   const next = async (): Promise<Picture | null> => {
-    const step = await images.next();
+    if (failure) throw failure;
+    const step = await images.next().catch((error: unknown) => {
+      throw (failure = error);
+    });
     if (step.done) return null;
     begin ??= step.value.seconds;
     return { jpeg: await encoder.encode(step.value.image), seconds: step.value.seconds - begin };

@@ -15,6 +15,7 @@ const TICKS = 1024; // of the clip's clock, for a frame
 /** A video element that knows where it was led to. Before it has read the file's beginning it is led nowhere. */
 class FakeVideo {
   seeks: number[] = [];
+  intact = Infinity; // seconds
   onloadedmetadata: (() => void) | null = null;
   onseeked: (() => void) | null = null;
   onerror: (() => void) | null = null;
@@ -29,7 +30,7 @@ class FakeVideo {
   set currentTime(seconds: number) {
     if (!this.loaded) return;
     this.seeks.push(seconds);
-    queueMicrotask(() => this.onseeked?.());
+    queueMicrotask(() => (seconds < this.intact ? this.onseeked?.() : this.onerror?.()));
   }
   removeAttribute(): void {}
 }
@@ -77,4 +78,11 @@ test("a video of a single frame has a rate", async () => {
 test("a video of wide pixels is sent as it is seen, and its tracks are in the pixels that it has", async () => {
   expect(await open(stretched(CLIP, 2))).toMatchObject({ width: 1536, height: 576, own: { width: 768, height: 576 } });
   expect(await open(stretched(CLIP, 2), 768)).toMatchObject({ width: 768, height: 288, own: { width: 768, height: 576 } });
+});
+
+test("a video that is damaged fails there, however often it is asked, and does not pass for a shorter one", async () => {
+  const source = await open(Uint8Array.from(CLIP));
+  video.intact = 2 / FPS;
+  expect([await source.next(), await source.next()]).toMatchObject([{ seconds: 0 }, { seconds: 1 / FPS }]);
+  for (let i = 0; i < 2; ++i) await expect(source.next()).rejects.toThrow("does not decode");
 });
