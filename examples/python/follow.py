@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Follows one point through a directory of JPEG files and prints where it is: follow.py SERVER DIRECTORY X Y"""
+"""Prints where a point goes in 0001.jpg, 0002.jpg, … of a directory: follow.py SERVER DIRECTORY X Y"""
 import pathlib
 import sys
 

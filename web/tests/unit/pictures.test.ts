@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { beforeEach, expect, test, vi } from "vitest";
-import { openPictures } from "../../src/sources/pictures";
+import { compareNames, openPictures } from "../../src/sources/pictures";
 import { isUpright } from "../../src/sources/upright";
 
 const START = [0xff, 0xd8];
@@ -113,4 +113,13 @@ test("a JPEG is sent byte for byte where it need be neither turned nor shrunk", 
 test("a picture that is shrunk along one side alone is not sent as it is", async () => {
   vi.stubGlobal("createImageBitmap", async () => ({ width: 1, height: 30, close: () => {} }));
   expect(await sent(jpeg(), "image/jpeg", 20)).toEqual(ENCODED);
+});
+
+test("numbers in names count by their worth", async () => {
+  const ordered = ["1.png", "002.png", "2.png", "10.png", "a1b2.png", "a1b10.png", "a2.png", "b.png"];
+  expect([...ordered].sort().sort(compareNames)).toEqual(ordered);
+  expect([...ordered].reverse().sort(compareNames)).toEqual(ordered);
+  const files = [2, 10, 1].map((i) => new File([jpeg(segment(0xe0, [i]))], `${i}.jpg`, { type: "image/jpeg" }));
+  const source = await openPictures(files, { maxSide: 0, quality: 0.9 });
+  for (const i of [1, 2, 10]) expect([...(await source.next())!.jpeg]).toEqual([...jpeg(segment(0xe0, [i]))]);
 });
