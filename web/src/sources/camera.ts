@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import { type Encoding, JpegEncoder, type Picture, sentSize, type Size, type Source } from "./source";
 
+const DEFAULT_FPS = 30; // of a camera that promises none
+
 /** Why there can be no camera, or null. */
 export function noCamera(): string | null {
   if (!window.isSecureContext) return "Browsers give a camera to pages of https and localhost only.";
@@ -15,9 +17,14 @@ export async function openCamera(encoding: Encoding): Promise<Source> {
   const video = document.createElement("video");
   video.muted = video.playsInline = true;
   video.srcObject = stream;
-  await video.play();
+  try {
+    await video.play();
+  } catch (error) {
+    for (const track of stream.getTracks()) track.stop();
+    throw error;
+  }
   const settings = stream.getVideoTracks()[0]!.getSettings();
-  return new Camera(stream, video, settings.frameRate ?? 30, encoding);
+  return new Camera(stream, video, settings.frameRate || DEFAULT_FPS, encoding);
 }
 
 class Camera implements Source {
@@ -29,8 +36,10 @@ class Camera implements Source {
   readonly frames = null;
   dropped = 0;
   private readonly encoder: JpegEncoder;
-  private begin: number | null = null;
+  private begin: number | null = null; // of the first frame, and later by what was skipped since
+  private last = 0; // seconds of the frame given last
   private shown = 0; // frames that the video had shown with the one given last; 0: none of them is missed
+  private skipped = false; // between the frame given last and the next one
   private ended = false;
   private wake: (() => void) | null = null;
 
@@ -53,11 +62,15 @@ class Camera implements Source {
     if (this.shown > 0) this.dropped += Math.max(0, frame.presentedFrames - this.shown - 1);
     this.shown = frame.presentedFrames;
     this.begin ??= frame.mediaTime;
-    return { jpeg: await this.encoder.encode(this.video), seconds: frame.mediaTime - this.begin };
+    if (this.skipped) this.begin = frame.mediaTime - this.last - 1 / this.fps;
+    this.skipped = false;
+    this.last = frame.mediaTime - this.begin;
+    return { jpeg: await this.encoder.encode(this.video), seconds: this.last };
   }
 
   skip(): void {
     this.shown = 0;
+    this.skipped = this.begin !== null;
   }
 
   close(): void {

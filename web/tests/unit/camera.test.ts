@@ -15,10 +15,12 @@ class FakeVideo {
 }
 
 let video: FakeVideo;
+let stopped: boolean;
 
 beforeEach(() => {
   video = new FakeVideo();
-  const track = { getSettings: () => ({ frameRate: 30 }), stop: () => {} };
+  stopped = false;
+  const track = { getSettings: () => ({ frameRate: 30 }), stop: () => (stopped = true) };
   const stream = { getTracks: () => [track], getVideoTracks: () => [track] };
   vi.stubGlobal("navigator", { mediaDevices: { getUserMedia: async () => stream } });
   vi.stubGlobal("document", { createElement: () => video });
@@ -49,4 +51,26 @@ test("frames that nobody asked for are dropped, but for those of a pause", async
   video.presentedFrames += 90;
   source.skip!();
   expect([await dropped(0), await dropped(1)]).toEqual([2, 3]);
+});
+
+test("a pause takes no time of what is recorded", async () => {
+  const source = await openCamera({ maxSide: 640, quality: 0.9 });
+  source.skip!(); // there was none to skip
+  const at: number[] = [];
+  const give = async () => at.push(Math.round(30 * (await source.next())!.seconds));
+  await give();
+  await give();
+  video.presentedFrames += 2; // dropped
+  await give();
+  video.presentedFrames += 300;
+  source.skip!();
+  await give();
+  await give();
+  expect(at).toEqual([0, 1, 4, 5, 6]);
+});
+
+test("a camera whose picture cannot be played is switched off", async () => {
+  video.play = () => Promise.reject(new Error("no"));
+  await expect(openCamera({ maxSide: 640, quality: 0.9 })).rejects.toThrow("no");
+  expect(stopped).toBe(true);
 });
