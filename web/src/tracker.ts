@@ -88,6 +88,7 @@ export class Tracker implements Observer {
       if (load !== this.loads) return source.close(); // another one was asked for meanwhile
       this.frames.add(picture.jpeg, picture.seconds);
       await this.frames.bitmap(0);
+      if (load !== this.loads) return source.close();
     } catch (error) {
       source?.close();
       if (load !== this.loads) return;

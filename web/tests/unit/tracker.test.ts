@@ -66,6 +66,24 @@ test("a source shows its first frame, and waits for the user", async () => {
   expect(world.sockets).toEqual([]);
 });
 
+test("of two sources asked for at once the later one stays, also while the first picture of the other is made", async () => {
+  let decode = (_bitmap: object) => {};
+  vi.stubGlobal("createImageBitmap", () => new Promise((made) => (decode = made)));
+  const tracker = new Tracker(new FakeWorld(), () => DEFAULTS);
+  const [early, late] = [new FakeSource(5), new FakeSource(7)];
+  const first = tracker.load(async () => early);
+  await settled();
+  vi.stubGlobal("createImageBitmap", async () => ({ close: () => {} }));
+  let open = (_source: Source) => {};
+  const second = tracker.load(() => new Promise((opened) => (open = opened)));
+  decode({ close: () => {} });
+  await first;
+  expect([early.closed, tracker.phase.value, tracker.source.value]).toEqual([true, "loading", null]);
+  open(late);
+  await second;
+  expect([late.closed, tracker.phase.value, tracker.source.value]).toEqual([false, "ready", late]);
+});
+
 test("a whole video goes to the server, with the points on their frame, and ends with everything final", async () => {
   const { tracker, world } = await loaded(new FakeSource(3));
   tracker.add([{ x: 10, y: 20 }, { x: 700, y: -3 }]);
