@@ -111,21 +111,25 @@ class PythonClientTest(unittest.TestCase):
 
     def test_a_loaded_server_takes_a_larger_hop_whose_tracks_are_those_of_a_session_that_asks_for_it(self):
         points, expected = [self.pb.Point(id=5, x=30, y=30)], 1000
-        load = self.info().load
-        whole, reduced = load.frame_work + expected, load.frame_work + 0.75 * expected
-        bounds = dict(hop_frames=8, max_hop_frames=16, expected_points=expected,
-                      frames_per_second=load.work_budget / 2 / reduced)
-        alone, *_ = self.track(self.requests(points, frames=1, **bounds))
+        bounds = dict(hop_frames=8, max_hop_frames=16, expected_points=expected)
+
+        def pace(share):
+            """Frames a second that take half of the budget, where the points' work is this share of that with hop 8.
+            Every batch moves the budget: what is asked for before one is of no use behind it."""
+            load = self.info().load
+            return load.work_budget / 2 / (load.frame_work + share * expected)
+
+        alone, *_ = self.track(self.requests(points, frames=1, frames_per_second=pace(0.75), **bounds))
         self.assertEqual(alone.accepted.hop_frames, 8)
         ended = threading.Event()
         other = self.track(self.requests(points, frames=0, expected_points=expected, until=ended,
-                                         frames_per_second=load.work_budget / 2 / whole))
+                                         frames_per_second=pace(1)))
         self.assertEqual(next(other).accepted.hop_frames, 8)
-        chosen, *responses = self.track(self.requests(points, **bounds))
+        chosen, *responses = self.track(self.requests(points, frames_per_second=pace(0.75), **bounds))
         ended.set()
         hop = chosen.accepted.hop_frames
         self.assertGreater(hop, 8)
-        self.assertLessEqual(hop, 13)  # what is left is enough for 8 / 0.75, unless the budget has shrunk meanwhile
+        self.assertLessEqual(hop, 13)  # what is left is enough for 8 / 0.75, and the budget moves little
         accepted, *asked = self.track(self.requests(points, hop_frames=hop))
         self.assertEqual(accepted.accepted.hop_frames, hop)
         self.assertEqual(finals(responses, 5), finals(asked, 5))
