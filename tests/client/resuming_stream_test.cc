@@ -278,10 +278,10 @@ TEST(ResumingStreamTest, ALargeCheckpointHasTimeToGoUp) {
   large.token_bytes = 640 << 10;
   ScriptedService first(large, CutAfter({10}));
   ScriptedService second(std::vector<ScriptedCall>{});
-  TcpProxy slow(second.service().port(), absl::Milliseconds(300));
+  TcpProxy slow(second.service().port(), absl::Milliseconds(1100));
   ResumeObserver observer;
   RemoteTracker::Options options = At({first.address(), slow.address()});
-  options.answer_timeout = absl::Milliseconds(200);
+  options.answer_timeout = absl::Seconds(1);  // the first server, which is near, has no more either
   auto stream = Open(options, observer);
   ASSERT_NE(stream, nullptr);
   EXPECT_THAT(PushAndFinish(*stream, 20), IsOk());
