@@ -234,7 +234,7 @@ test("it is usable by all, in both colours, and leaves the narrow screen's width
   for (const [x, y] of [[268, 224], [262, 298], [513, 162], [518, 216], [657, 246], [676, 302], [420, 29], [202, 170], [462, 464], [598, 52]] as const) await visitor.clickNear(x, y);
   await visitor.brush([100, 300], [104, 380]);
   await page.keyboard.press("Space");
-  await visitor.until("processed", 40);
+  await visitor.pauseAt(40);
   await page.getByText(/^1 session, \d\d points$/).waitFor();
   await shot("light");
   await page.keyboard.press("s");

@@ -101,6 +101,16 @@ export class Visitor {
     await expect.poll(() => this.figure(name), { timeout: 90_000, interval: 50 }).toBeGreaterThanOrEqual(least);
   }
 
+  /** Pauses the run once so many frames were sent, and waits until the server has worked off all but a few of them. */
+  async pauseAt(sent: number): Promise<void> {
+    await this.page.evaluate(`new Promise((found) => {
+      const look = () => document.querySelector("[data-figure=sent]").textContent >= ${sent} ? found() : requestAnimationFrame(look);
+      look();
+    })`);
+    await this.page.keyboard.press("Space");
+    await this.until("processed", sent - 4);
+  }
+
   async done(): Promise<void> {
     await this.page.getByRole("button", { name: "Play", exact: true }).waitFor({ timeout: 90_000 });
   }

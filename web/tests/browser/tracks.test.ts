@@ -113,11 +113,12 @@ test("a server that is killed and comes back changes nothing of the tracks", asy
   await visitor.openPictures(pictures);
   await clickAll();
   await visitor.page.keyboard.press("Space");
-  await visitor.until("processed", 27); // behind a checkpoint, before the end
+  await visitor.pauseAt(28); // behind a checkpoint, before the end
   await server.stop("SIGKILL");
   await visitor.page.getByText("The server is lost.").waitFor();
   await visitor.page.screenshot({ path: join(ROOT, "web/out/lost.png") });
   await server.start();
+  await visitor.page.keyboard.press("Space");
   await visitor.done();
   await visitor.page.getByText("The server is lost.").waitFor({ state: "detached" });
   expect(difference(await visitor.save("NumPy"), uninterrupted)).toBeLessThanOrEqual(SAME);
@@ -131,14 +132,15 @@ interface SavedObject {
   outline: [number, number][][];
 }
 
-/** Brushes over a person and tracks it to the end; meanwhile `during` may happen. */
+/** Brushes over a person and tracks it to the end; in a pause meanwhile `during` may happen. */
 async function followObject(during: () => Promise<void>): Promise<SavedObject> {
   visitor = await Visitor.at(browser, server.url);
   await visitor.openPictures(pictures);
   await visitor.brush([268, 224], [266, 300]);
   await visitor.page.keyboard.press("Space");
-  await visitor.until("processed", 27); // behind a checkpoint, before the end
+  await visitor.pauseAt(28); // behind a checkpoint, before the end
   await during();
+  await visitor.page.keyboard.press("Space");
   await visitor.done();
   return JSON.parse(String(await visitor.save("JSON"))).objects[0];
 }
