@@ -4,6 +4,7 @@ threads and without waiting."""
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from typing import Any, Generic, TypeVar, Union
@@ -36,7 +37,7 @@ class BaseSession:
         reconnect = client.reconnect
         self._state = SessionState(config, reconnect is not None, reconnect.buffer_bytes if reconnect else 0)
         self._route = Route(self._state, len(client.addresses), client.timeout, reconnect)
-        self._updates: list[Update] = []
+        self._updates: deque[Update] = deque()
         self._closed = False  # nothing more is pushed
         self._cancelled = False
         self._ended = False
@@ -123,7 +124,8 @@ class BaseSession:
         return failed.lost and self._state.summary is not None
 
     def _take_updates(self) -> list[Update]:
-        updates, self._updates = self._updates, []
+        updates = list(self._updates)
+        self._updates.clear()
         return updates
 
     def _tracks(self) -> Tracks:

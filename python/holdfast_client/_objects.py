@@ -121,6 +121,9 @@ class ObjectTrack:
     final: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
 
+_NO_IDS: frozenset[int] = frozenset()  # one for the many frames that have none
+
+
 def to_run(run: pb.ObjectRun) -> ObjectRun:
     samples = run.samples
 
@@ -129,5 +132,5 @@ def to_run(run: pb.ObjectRun) -> ObjectRun:
     outlines = (np.stack([sample.outline_x, sample.outline_y], axis=1) for sample in samples)
     return ObjectRun(run.id, run.first_frame, np.stack([floats("x"), floats("y")], axis=1), floats("scale"),
                      floats("rotation"), floats("visible"), tuple(outline.astype(np.float32) for outline in outlines),
-                     tuple(frozenset(sample.left) for sample in samples),
-                     tuple(frozenset(sample.joined) for sample in samples), run.final_count)
+                     tuple(frozenset(sample.left) or _NO_IDS for sample in samples),
+                     tuple(frozenset(sample.joined) or _NO_IDS for sample in samples), run.final_count)

@@ -26,6 +26,7 @@ from ._session import Update
 from .tracks import Tracks
 
 _WAITING = 256  # updates, while no task iterates
+_BEHIND = 4096  # while one does, and is slower than they come
 
 __all__ = ["Client", "Reconnect", "Session", "Tls"]
 
@@ -92,14 +93,15 @@ class Session(BaseSession):
 
     async def __aiter__(self) -> AsyncIterator[Update]:
         """Updates as they come, until the session is over; raises what ended it, unless that was finish() or cancel().
-        Waits for what another task pushes. Of what came while no task iterates, the newest 256."""
+        Waits for what another task pushes. Of what came while no task iterates, the newest 256; for a task that takes
+        them too slowly, the newest 4096."""
         self._listeners += 1
         try:
             while True:
                 await self._until(lambda: bool(self._updates) or self._ended)
                 if not self._updates:
                     break
-                yield self._updates.pop(0)
+                yield self._updates.popleft()
         finally:
             self._listeners -= 1
         if self._error is not None:
@@ -137,8 +139,9 @@ class Session(BaseSession):
 
     def _take(self, response: pb.TrackResponse) -> None:
         super()._take(response)
-        if self._listeners == 0:
-            del self._updates[:-_WAITING]
+        most = _BEHIND if self._listeners else _WAITING
+        while len(self._updates) > most:
+            self._updates.popleft()
 
     async def _until(self, ready: Callable[[], bool]) -> None:
         while not ready():

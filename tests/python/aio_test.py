@@ -93,8 +93,13 @@ class AioTest(support.ServedTest, unittest.IsolatedAsyncioTestCase):
             session._take(answer(frame))
         for frame in range(first.runs[0].first_frame + 1, 2000):
             self.assertEqual((await updates.__anext__()).runs[0].first_frame, frame)
-        self.assertEqual(session.tracks().frames, 2000)
+        for frame in range(2000, 7000):
+            session._take(answer(frame))
+        self.assertEqual((await updates.__anext__()).runs[0].first_frame, 7000 - 4096)
+        self.assertEqual(session.tracks().frames, 7000)
         await updates.aclose()
+        session._take(answer(7000))
+        self.assertEqual([update.runs[0].first_frame for update in session.updates()], list(range(7001 - 256, 7001)))
 
     async def test_a_session_without_points_says_how_far_it_is(self):
         async with self.client().session(encoding="raw") as session:
