@@ -6,7 +6,7 @@ import functools
 import importlib
 import io
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Union
 
 import numpy as np
@@ -67,21 +67,28 @@ def _png_size(file: bytes) -> tuple[int, int] | None:
     return (width, height) if width and height else None
 
 
-def _jpeg_size(file: bytes) -> tuple[int, int] | None:
-    """As the frame header says, the segment whose marker is one of ff c0 .. ff cf but those of tables. It comes before
-    the coded picture."""
+def jpeg_segments(file: bytes) -> Iterator[tuple[int, int, int]]:
+    """The marker's second byte, the beginning and the end of each segment before the coded picture."""
     at = 2
-    while at + 9 <= len(file) and file[at] == 0xff:
+    while at + 4 <= len(file) and file[at] == 0xff:
         marker = file[at + 1]
         if marker == 0xff:  # fills up
             at += 1
             continue
         if marker == _JPEG_SCAN:
-            return None
-        if 0xc0 <= marker <= 0xcf and marker not in (0xc4, 0xc8, 0xcc):
+            return
+        end = at + 2 + struct.unpack_from(">H", file, at + 2)[0]
+        yield marker, at, end
+        at = end
+
+
+def _jpeg_size(file: bytes) -> tuple[int, int] | None:
+    """As the frame header says, the segment whose marker is one of ff c0 .. ff cf but those of tables. It comes before
+    the coded picture."""
+    for marker, at, _ in jpeg_segments(file):
+        if 0xc0 <= marker <= 0xcf and marker not in (0xc4, 0xc8, 0xcc) and at + 9 <= len(file):
             height, width = struct.unpack_from(">HH", file, at + 5)
             return (width, height) if width and height else None
-        at += 2 + struct.unpack_from(">H", file, at + 2)[0]
     return None
 
 

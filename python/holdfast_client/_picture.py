@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Union
 
 import numpy as np
 
-from ._frames import Frame, check_picture, size_of
+from ._frames import Frame, check_picture, jpeg_segments, size_of
 
 if TYPE_CHECKING:
     from .tracks import Tracks
+
+_APP1 = 0xe1  # of JPEG's segments, the one that Exif is in
 
 
 class Picture:
@@ -71,12 +73,22 @@ def _extent(tracks: Tracks) -> tuple[int, int]:
 def _embed(frame: Frame) -> tuple[str, tuple[int, int]]:
     """A frame as an address that has it inside, and its size."""
     if isinstance(frame, bytes):
-        kind, data = "jpeg" if frame.startswith(b"\xff\xd8") else "png", frame
+        kind, data = ("jpeg", _without_exif(frame)) if frame.startswith(b"\xff\xd8") else ("png", frame)
     else:
         kind, data = "png", _png(check_picture(frame))
     if (size := size_of(frame)) is None:
         raise ValueError("a frame's bytes are neither JPEG nor PNG, or say no size")
     return f"data:image/{kind};base64," + base64.b64encode(data).decode(), size
+
+
+def _without_exif(jpeg: bytes) -> bytes:
+    """A viewer would turn the picture as its Exif says. Positions are those of the pixels as they are stored."""
+    kept, begin = [], 0
+    for marker, at, end in jpeg_segments(jpeg):
+        if marker == _APP1 and jpeg.startswith(b"Exif", at + 4):
+            kept.append(jpeg[begin:at])
+            begin = end
+    return b"".join([*kept, jpeg[begin:]])
 
 
 def _png(picture: np.ndarray) -> bytes:

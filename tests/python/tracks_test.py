@@ -204,6 +204,15 @@ class PictureTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "neither JPEG nor PNG"):
             self.tracks.show(b"GIF89a")
 
+    def test_a_frame_is_shown_as_it_is_stored(self):
+        file, turned = io.BytesIO(), Image.Exif()
+        turned[0x0112] = 6  # of ways to be turned, by a quarter
+        Image.fromarray(PICTURES[3]).save(file, "JPEG", exif=turned, icc_profile=b"a profile")
+        (image,) = self.shapes(self.tracks.show(file.getvalue()), "image")
+        shown = Image.open(io.BytesIO(base64.b64decode(image.get("href").split(",")[1])))
+        self.assertEqual((dict(shown.getexif()), shown.info["icc_profile"]), ({}, b"a profile"))
+        np.testing.assert_array_equal(np.asarray(shown), np.asarray(Image.open(file)))
+
     def test_a_notebook_shows_tracks_by_themselves(self):
         html = self.tracks._repr_html_()
         self.assertIn("2 points, 5 frames", html)
