@@ -34,6 +34,7 @@ int main(int argc, char** argv) {
 
   const std::string input = argv[2];
   cv::VideoCapture video = input == "camera" ? cv::VideoCapture(0) : cv::VideoCapture(input);
+  if (!video.isOpened()) return Fail(absl::NotFoundError(input + ": cannot be opened as a video"));
   // Pictures as they are stored, which is what X and Y are of: versions of OpenCV turn those of phones differently.
   video.set(cv::CAP_PROP_ORIENTATION_AUTO, 0);
   holdfast::SessionConfig config;

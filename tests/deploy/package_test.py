@@ -82,6 +82,8 @@ class PackageTest(unittest.TestCase):
         self.assertGreater(len(lines), 100)
         x, y = map(float, lines[-1].split()[1:3])
         self.assertLess(abs(x - 338) + abs(y - 458), 12)  # a bag on the lawn
+        with self.assertRaisesRegex(AssertionError, "nowhere.mp4: cannot be opened"):
+            run(example / "build" / "follow", server.address, "nowhere.mp4", 338, 458)
 
     def test_the_installed_protocol_compiles_by_itself(self):
         protocol = self.install("libholdfast-dev") / "share" / "holdfast" / "proto"
