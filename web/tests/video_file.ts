@@ -9,7 +9,7 @@ export function trimmed(mp4: Uint8Array, ticks: number): Uint8Array<ArrayBuffer>
   return copy;
 }
 
-/** A copy of an MP4 file whose pixels are so many times as wide as high. Its rates give way to that, in as many bytes. */
+/** A copy of an MP4 file whose pixels are so many times as wide as high. Its bit rates give way to that. */
 export function stretched(mp4: Uint8Array, factor: number): Uint8Array<ArrayBuffer> {
   const copy = Uint8Array.from(mp4);
   const rates = Buffer.from(copy.buffer).indexOf("btrt");

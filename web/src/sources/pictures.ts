@@ -5,8 +5,8 @@ import { isUpright } from "./upright";
 const FPS = 30; // as the command line takes for a directory of pictures
 
 /**
- * Pictures as frames, in the order of their names (compareNames). A JPEG that need be neither shrunk nor turned is sent as it is, byte
- * for byte; of all others, what this browser shows.
+ * Pictures as frames, in the order of their names (compareNames). A JPEG that need be neither shrunk nor turned is sent
+ * as it is, byte for byte; of all others, what this browser shows.
  */
 export async function openPictures(files: readonly File[], encoding: Encoding): Promise<Source> {
   const sorted = [...files].sort((a, b) => compareNames(a.name, b.name));

@@ -26,7 +26,7 @@ export interface Source {
   readonly dropped: number;
   /** Null: it has ended. */
   next(): Promise<Picture | null>;
-  /** Frames of a live source that came until now were not wanted: none of them counts as dropped, nor does their time. */
+  /** Frames of a live source that came until now were not wanted: neither they nor their time count as missing. */
   skip?(): void;
   close(): void;
 }

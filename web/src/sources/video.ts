@@ -100,7 +100,9 @@ async function* sought(shown: readonly EncodedPacket[], file: Blob, refused: str
   }
 }
 
-function happens(video: HTMLVideoElement, event: "loadedmetadata" | "seeked", refused: string, act: () => void): Promise<void> {
+type VideoEvent = "loadedmetadata" | "seeked";
+
+function happens(video: HTMLVideoElement, event: VideoEvent, refused: string, act: () => void): Promise<void> {
   return new Promise((resolve, reject) => {
     video[`on${event}`] = () => resolve();
     video.onerror = () => reject(new Error(refused));

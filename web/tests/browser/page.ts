@@ -104,7 +104,8 @@ export class Visitor {
   /** Pauses the run once so many frames were sent, and waits until the server has worked off all but a few of them. */
   async pauseAt(sent: number): Promise<void> {
     await this.page.evaluate(`new Promise((found) => {
-      const look = () => document.querySelector("[data-figure=sent]").textContent >= ${sent} ? found() : requestAnimationFrame(look);
+      const count = () => document.querySelector("[data-figure=sent]").textContent;
+      const look = () => count() >= ${sent} ? found() : requestAnimationFrame(look);
       look();
     })`);
     await this.page.keyboard.press("Space");

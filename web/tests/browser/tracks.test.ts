@@ -187,7 +187,7 @@ test.each([["decodes", ""], ["seeks in, as it gives pages no decoder,", "delete 
 test.each([["decodes", ""], ["seeks in", "delete window.VideoDecoder"]])(
   "a trimmed clip that the browser %s has the frames of the command line", async (_way, script) => {
     const clip = join(scratch(), "trimmed.mp4");
-    writeFileSync(clip, trimmed(readFileSync(CLIP), 136 * 1024 + 512)); // the first of 160 frames that is left is the 137th
+    writeFileSync(clip, trimmed(readFileSync(CLIP), 136 * 1024 + 512)); // the last 23 frames of 160 are left
     visitor = await Visitor.at(browser, server.url, script);
     await visitor.openVideo(clip);
     clicked = await clickAll();

@@ -66,7 +66,7 @@ test("a source shows its first frame, and waits for the user", async () => {
   expect(world.sockets).toEqual([]);
 });
 
-test("of two sources asked for at once the later one stays, also while the first picture of the other is made", async () => {
+test("of two sources asked for at once the later one stays, also while the other's picture is made", async () => {
   let decode = (_bitmap: object) => {};
   vi.stubGlobal("createImageBitmap", () => new Promise((made) => (decode = made)));
   const tracker = new Tracker(new FakeWorld(), () => DEFAULTS);
