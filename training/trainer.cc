@@ -67,9 +67,12 @@ class TrainerImpl : public Trainer {
   const Recipe& recipe() const { return options_.recipe; }
   bool leads() const { return parts_.group->rank() == 0; }
   bool Done() const { return progress_ >= 1; }
+  bool AfterLastStep() const { return Done() || stop_; }  // the same in every process
   absl::Duration Elapsed() const { return elapsed_before_ + parts_.clock->Since(run_began_); }
 
+  absl::Status TrainAndWrite();
   absl::Status Loop();
+  absl::Status EndTogether(const absl::Status& mine);
   absl::Status Step();
   absl::Status Update(StepReport& report, std::vector<double>& extra);
   absl::Status Guard(bool finite);
@@ -144,21 +147,40 @@ absl::Status TrainerImpl::AgreeOnStart() {
 absl::StatusOr<TrainingSummary> TrainerImpl::Run() {
   run_began_ = parts_.clock->SteadyNow();
   elapsed_before_ = state_.elapsed;
+  absl::Status status = TrainAndWrite();
+  if (AfterLastStep()) status = EndTogether(status);
+  if (!status.ok()) return status;
+  return TrainingSummary{Done() ? StopReason::kFinished : StopReason::kAsked, state_.step, state_.best};
+}
+
+absl::Status TrainerImpl::TrainAndWrite() {
   try {
     absl::Status status = Loop();
     if (status.ok()) status = Checkpoint();
     if (status.ok() && Done() && leads()) status = SaveAverage("final.safetensors");
-    if (!status.ok()) return status;
+    return status;
   } catch (const std::exception& e) {
     return absl::InternalError(absl::StrCat("at step ", state_.step + 1, ": ", FirstLine(e)));
   }
-  return TrainingSummary{Done() ? StopReason::kFinished : StopReason::kAsked, state_.step, state_.best};
+}
+
+// Rank 0 may still fail when the steps are done, as it validates and writes the files. No other process may look
+// complete before: nobody would start it again, and rank 0 would wait for it in vain.
+absl::Status TrainerImpl::EndTogether(const absl::Status& mine) {
+  torch::Tensor failed =
+      torch::full({1}, mine.ok() ? 0 : 1, torch::TensorOptions(torch::kFloat32).device(options_.device));
+  const absl::Status status = parts_.group->Sum(failed);
+  if (!mine.ok()) return mine;
+  if (!status.ok()) return status;
+  if (failed.item<float>() == 0) return absl::OkStatus();
+  return absl::UnavailableError(
+      absl::StrCat("rank ", parts_.group->rank(), ": another process failed after the last step, and says why"));
 }
 
 absl::Status TrainerImpl::Loop() {
   const auto is_due = [&](int64_t every) { return every > 0 && state_.step % every == 0; };
   absl::Status status = state_.step == 0 ? Validate() : absl::OkStatus();
-  while (status.ok() && !Done() && !stop_) {
+  while (status.ok() && !AfterLastStep()) {
     status = Step();
     if (status.ok() && (is_due(options_.validate_every) || Done())) status = Validate();
     if (status.ok() && is_due(options_.checkpoint_every)) status = Checkpoint();

@@ -72,9 +72,10 @@ class Trainer {
   static absl::StatusOr<std::unique_ptr<Trainer>> Create(const TrainerOptions& options, const TrainerParts& parts);
   virtual ~Trainer() = default;
 
-  // Until the steps are done, the time is up or a stop is asked for; a checkpoint is written in each case. Errors:
-  // ABORTED after too many steps without a finite gradient (no checkpoint is written then), UNAVAILABLE when another
-  // process died, and those of reading and writing.
+  // Until the steps are done, the time is up or a stop is asked for; a checkpoint is written in each case. No process
+  // returns a summary before all have come to the end and rank 0 has written its files. Errors: ABORTED after too many
+  // steps without a finite gradient (no checkpoint is written then), UNAVAILABLE when another process died or failed,
+  // and those of reading and writing.
   virtual absl::StatusOr<TrainingSummary> Run() = 0;
 };
 

@@ -6,13 +6,13 @@
 #include <torch/utils.h>
 
 #include <map>
-#include <thread>
 #include <torch/csrc/distributed/c10d/TCPStore.hpp>
 
 #include "api/clock.h"
 #include "model/presets.h"
 #include "tests/support/free_port.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/two_ranks.h"
 #include "training/gradient.h"
 #include "training/loss/clip_step.h"
 #include "training/training_data.h"
@@ -34,24 +34,6 @@ absl::StatusOr<GroupOptions> FromTwo(std::map<std::string, std::string> variable
   variables.insert({{"RANK", "0"}, {"WORLD_SIZE", "2"}, {"MASTER_ADDR", "a"}, {"MASTER_PORT", "1"}});
   return From(variables);
 }
-
-// Runs 'body' as each of two ranks, in threads, with all else as 'options' say.
-void AsTwoRanks(const GroupOptions& options, const std::function<void(ProcessGroup&)>& body) {
-  const auto run = [&](int64_t rank) {
-    GroupOptions mine = options;
-    mine.rank = rank;
-    auto group = ProcessGroup::Join(mine, torch::kCPU);
-    ASSERT_THAT(group, IsOk());
-    body(**group);
-  };
-  std::thread other([&] { run(1); });
-  run(0);
-  other.join();
-}
-
-GroupOptions TwoProcesses() { return {0, 2, "127.0.0.1", FreePort(), absl::Minutes(1)}; }
-
-void AsTwoRanks(const std::function<void(ProcessGroup&)>& body) { AsTwoRanks(TwoProcesses(), body); }
 
 void ExpectSums(ProcessGroup& group) {
   torch::Tensor sum = torch::tensor({1.0f + static_cast<float>(group.rank()), 10.0f});

@@ -5,6 +5,7 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 
+#include <array>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -16,6 +17,7 @@
 #include "tests/support/simulated_clock.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "tests/support/two_ranks.h"
 #include "training/training_checkpoint.h"
 #include "training/training_data.h"
 
@@ -113,19 +115,36 @@ class TrainerTest : public ::testing::Test {
     options_.directory = dir.path();
     torch::manual_seed(11);
     network_ = PointModel(network_options_);
-    TrainingClips synthetic(TestData(), {options_.recipe.batch_size, 1, 0, 1});
     const auto group = ProcessGroup::Join({}, torch::kCPU);
+    return TrainAs(**group, network_, recorder, clips, validation);
+  }
+
+  absl::StatusOr<TrainingSummary> TrainAs(ProcessGroup& group, const PointModel& network, Recorder& recorder,
+                                          ClipSource* clips = nullptr, const Validation* validation = nullptr) {
+    TrainingClips synthetic(TestData(), {options_.recipe.batch_size, 1, group.rank(), group.world()});
     TrainerParts parts;
-    parts.model = network_;
+    parts.model = network;
     parts.clips = clips == nullptr ? &synthetic : clips;
     parts.validation = validation;
-    parts.group = group->get();
+    parts.group = &group;
     parts.observer = &recorder;
     parts.clock = &clock_;
     parts.stop = &stop_;
     auto trainer = Trainer::Create(options_, parts);
     if (!trainer.ok()) return trainer.status();
     return (*trainer)->Run();
+  }
+
+  // As two processes; what each of them ends with.
+  std::array<absl::Status, 2> TrainAsTwo(const TempDir& dir, Recorder& recorder) {
+    options_.directory = dir.path();
+    std::array<absl::Status, 2> ends;
+    AsTwoRanks([&](ProcessGroup& group) {
+      Recorder of_the_other;  // hears nothing
+      ends[static_cast<size_t>(group.rank())] =
+          TrainAs(group, PointModel(network_options_), group.rank() == 0 ? recorder : of_the_other).status();
+    });
+    return ends;
   }
 
   // Until after step 'last', as if a signal came then.
@@ -297,6 +316,18 @@ TEST_F(TrainerTest, DataThatNeverComesEndsTheTrainingWithItsError) {
   const TempDir dir;
   Recorder recorder;
   EXPECT_THAT(Train(dir, recorder, &clips).status().message(), HasSubstr("00003.jpg"));
+}
+
+TEST_F(TrainerTest, NoProcessIsDoneBeforeTheResultIsWritten) {
+  const TempDir dir;
+  std::filesystem::create_directories(dir.path() / "final.safetensors");  // no file can take its place
+  Recorder recorder;
+  const auto failed = TrainAsTwo(dir, recorder);
+  EXPECT_THAT(failed[0].message(), HasSubstr("final.safetensors"));
+  EXPECT_THAT(failed[1], StatusIs(absl::StatusCode::kUnavailable, HasSubstr("another process failed")));
+  std::filesystem::remove(dir.path() / "final.safetensors");
+  for (const absl::Status& end : TrainAsTwo(dir, recorder)) EXPECT_THAT(end, IsOk());
+  EXPECT_TRUE(std::filesystem::is_regular_file(dir.File("final.safetensors")));
 }
 
 TEST_F(TrainerTest, ATimeBudgetAnnealsTheRateAndEndsTheTraining) {
