@@ -7,10 +7,12 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
@@ -20,10 +22,32 @@ namespace {
 constexpr int64_t kMaxMaskPixels = int64_t{1} << 28;
 constexpr int kMedianReach = 3;  // pixels to each side
 
+std::string ReadBytes(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// False for a JPEG that was cut: the decoder fills with grey what is missing, and only warns. Segments are stepped
+// over, as a thumbnail in one has an end of its own; coded data has a zero or the number of a restart behind each of
+// its 0xFF.
+bool IsWhole(absl::string_view bytes) {
+  if (!absl::StartsWith(bytes, "\xFF\xD8")) return true;  // of another format, whose decoder fails
+  const auto byte = [&](size_t at) { return at < bytes.size() ? static_cast<uchar>(bytes[at]) : 0; };
+  for (size_t at = 2; (at = bytes.find('\xFF', at)) != absl::string_view::npos;) {
+    const int marker = byte(at + 1);
+    if (marker == 0xD9) return true;
+    const bool bare = marker <= 1 || (marker >= 0xD0 && marker <= 0xD7);
+    at += marker == 0xFF ? 1 : bare ? 2 : 2 + static_cast<size_t>(byte(at + 2) << 8 | byte(at + 3));
+  }
+  return false;
+}
+
 absl::StatusOr<cv::Mat> ReadImage(const std::string& path, int flags) {
   if (!Exists(path)) return absl::NotFoundError(absl::StrCat("no file ", path));
+  const std::string bytes = ReadBytes(path);
+  if (!IsWhole(bytes)) return absl::DataLossError(absl::StrCat("the picture ", path, " is cut short"));
   try {
-    cv::Mat image = cv::imread(path, flags);
+    cv::Mat image = cv::imdecode(std::vector<uchar>(bytes.begin(), bytes.end()), flags);
     if (!image.empty()) return image;
   } catch (const cv::Exception&) {
     // As below: a picture the codec refuses.

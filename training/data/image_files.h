@@ -16,7 +16,7 @@ namespace holdfast {
 // Whether there is something at 'path'. No where that cannot be told: in a directory that may not be read, behind a
 // name that is too long.
 bool Exists(const std::filesystem::path& path);
-// [H, W] CV_8UC3 RGB. NOT_FOUND or DATA_LOSS with the path.
+// [H, W] CV_8UC3 RGB. NOT_FOUND or DATA_LOSS with the path; a JPEG that was cut short is no picture.
 absl::StatusOr<cv::Mat> ReadFrame(const std::string& path);
 // [H, W] CV_32SC1 ids: grey values of 8 or 16 bits, places in the palette of a PNG that has one (as PointOdyssey's
 // have), or colours, blue + 256 green + 65536 red.
