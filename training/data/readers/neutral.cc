@@ -6,10 +6,13 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "training/data/image_files.h"
@@ -88,19 +91,51 @@ bool SetPoint(const json& point, int64_t first, int64_t n, Sample& sample) {
   return true;
 }
 
-// <folder>/%05d.jpg or .png from 0 up to the first that is missing.
-std::vector<std::string> NumberedFiles(const fs::path& folder) {
-  std::vector<std::string> paths;
-  for (int64_t i = 0;; ++i) {
-    const fs::path jpeg = folder / absl::StrFormat("%05d.jpg", i), png = folder / absl::StrFormat("%05d.png", i);
-    if (Exists(jpeg)) {
-      paths.push_back(jpeg.string());
-    } else if (Exists(png)) {
-      paths.push_back(png.string());
-    } else {
-      return paths;
+// The last frame that has a label; -1: none.
+int64_t LastLabelled(const json& tracks) {
+  int64_t last = -1;
+  for (const json& point : tracks["points"]) {
+    const auto frames = point.is_object() ? point.find("frames") : point.end();
+    if (frames == point.end() || !frames->is_array()) continue;
+    for (const json& frame : *frames) {
+      if (frame.is_number_integer()) last = std::max(last, frame.get<int64_t>());
     }
   }
+  return last;
+}
+
+std::string PictureName(int64_t number) { return absl::StrFormat("%05d.jpg", number); }
+
+// Of %05d.jpg or .png.
+std::optional<int64_t> NumberOf(const fs::path& file) {
+  const std::string extension = file.extension().string(), stem = file.stem().string();
+  int64_t number = -1;
+  if ((extension != ".jpg" && extension != ".png") || !absl::SimpleAtoi(stem, &number) || number < 0) return {};
+  if (absl::StrFormat("%05d", number) != stem) return {};
+  return number;
+}
+
+absl::Status Missing(const fs::path& folder, int64_t number, absl::string_view why) {
+  return absl::DataLossError(absl::StrCat((folder / PictureName(number)).string(), " is missing, though ", why));
+}
+
+// The folder's numbered pictures from 0 on, 'most' of them if that is not 0. DATA_LOSS where one is missing before
+// another.
+absl::StatusOr<std::vector<std::string>> NumberedFiles(const fs::path& folder, int64_t most) {
+  std::map<int64_t, std::string> found;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::optional<int64_t> number = NumberOf(it->path());
+    if (number && (found.count(*number) == 0 || it->path().extension() == ".jpg")) found[*number] = it->path().string();
+  }
+  std::vector<std::string> paths;
+  for (const auto& [number, path] : found) {
+    const int64_t count = static_cast<int64_t>(paths.size());
+    if (most > 0 && count == most) break;
+    if (number != count) return Missing(folder, count, absl::StrCat("there is ", path));
+    paths.push_back(path);
+  }
+  return paths;
 }
 
 // 'count' of 'paths' from 'first' on; none of none.
@@ -123,7 +158,7 @@ class NeutralDataset : public Dataset {
     const std::string tracks_path = (clip / "tracks.json").string();
     absl::StatusOr<json> tracks = ReadTracksFile(tracks_path);
     if (!tracks.ok()) return tracks.status();
-    const absl::StatusOr<int64_t> first = ReadPictures(clip, rng, sample);
+    const absl::StatusOr<int64_t> first = ReadPictures(clip, LastLabelled(*tracks), rng, sample);
     if (!first.ok()) return first.status();
     if (absl::Status status = SetPoints(*tracks, tracks_path, *first, sample); !status.ok()) return status;
     std::vector<int64_t> points(static_cast<size_t>(sample.num_points()));
@@ -136,14 +171,19 @@ class NeutralDataset : public Dataset {
 
  private:
   // Those of the part of the clip that is asked for, and no others; returns the first one's number.
-  absl::StatusOr<int64_t> ReadPictures(const fs::path& clip, Rng& rng, Sample& sample) const {
-    std::vector<std::string> frames = NumberedFiles(clip / "frames"), masks = NumberedFiles(clip / "masks");
-    if (frames.empty()) return absl::NotFoundError(absl::StrCat("no frames in ", (clip / "frames").string()));
-    if (!masks.empty() && masks.size() != frames.size()) {
+  absl::StatusOr<int64_t> ReadPictures(const fs::path& clip, int64_t last_labelled, Rng& rng, Sample& sample) const {
+    const fs::path folder = clip / "frames";
+    const absl::StatusOr<std::vector<std::string>> frames = NumberedFiles(folder, options_.max_frames);
+    if (!frames.ok()) return frames.status();
+    if (frames->empty()) return absl::NotFoundError(absl::StrCat("no frames in ", folder.string()));
+    const absl::StatusOr<std::vector<std::string>> masks = NumberedFiles(clip / "masks", options_.max_frames);
+    if (!masks.ok()) return masks.status();
+    if (!masks->empty() && masks->size() != frames->size()) {
       return absl::DataLossError(absl::StrCat(clip.string(), " has masks for some frames only"));
     }
-    int64_t first = 0, count = static_cast<int64_t>(frames.size());
-    if (options_.max_frames > 0) count = std::min(count, options_.max_frames);
+    int64_t first = 0, count = static_cast<int64_t>(frames->size());
+    const bool whole = options_.frames == 0 && count != options_.max_frames;
+    if (whole && last_labelled >= count) return Missing(folder, count, "points are labelled there or later");
     if (options_.frames > 0) {
       const int64_t spare = count - options_.frames;
       if (spare < 0) {
@@ -154,8 +194,8 @@ class NeutralDataset : public Dataset {
       count = options_.frames;
       absl::StrAppend(&sample.source, "/", first);
     }
-    if (absl::Status status = ReadFrames(Part(frames, first, count), {}, sample); !status.ok()) return status;
-    if (absl::Status status = ReadMasks(Part(masks, first, count), sample); !status.ok()) return status;
+    if (absl::Status status = ReadFrames(Part(*frames, first, count), {}, sample); !status.ok()) return status;
+    if (absl::Status status = ReadMasks(Part(*masks, first, count), sample); !status.ok()) return status;
     return first;
   }
 
@@ -235,7 +275,8 @@ absl::Status WriteNeutral(const Sample& sample, const std::string& directory) {
     if (error) return absl::UnavailableError(absl::StrCat("cannot make ", (root / folder).string()));
   }
   for (size_t s = 0; s < sample.frames.size(); ++s) {
-    absl::Status written = WriteFrame((root / "frames" / absl::StrFormat("%05d.jpg", s)).string(), sample.frames[s]);
+    absl::Status written =
+        WriteFrame((root / "frames" / PictureName(static_cast<int64_t>(s))).string(), sample.frames[s]);
     if (written.ok() && sample.has_masks()) {
       written = WriteMask((root / "masks" / absl::StrFormat("%05d.png", s)).string(), sample.masks[s]);
     }

@@ -9,6 +9,9 @@
 // 'frames' are the indices of the frames where the point is annotated (valid), increasing, with one entry of 'xy'
 // (pixels) and 'visible' (true / false or 1 / 0) each; 'xy' is null where the point is hidden and nobody knows where,
 // of which only who judges visibility takes notice. 'object' (the point's id in the masks) and 'fps' are optional.
+//
+// A clip of which a picture is missing is DATA_LOSS that names the file: one before others, and, where the whole clip
+// is read, one that has labels.
 #pragma once
 
 #include <cstdint>

@@ -209,6 +209,24 @@ TEST_F(NeutralTest, MissingAndDamagedPicturesAreErrors) {
   EXPECT_THAT(Get(Options()), StatusIs(absl::StatusCode::kNotFound));
 }
 
+TEST_F(NeutralTest, AMissingFrameIsAnErrorThatNamesIt) {
+  const std::string tracks = R"({"width": 40, "height": 30, "points": [
+      {"frames": [0, 2], "xy": [[1, 2], [3, 4]], "visible": [true, true]}]})";
+  WriteClip(tracks);
+  fs::remove(root_.File("frames/00001.jpg"));
+  EXPECT_THAT(Get(Options()), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("frames/00001.jpg is missing")));
+  NeutralOptions options = Options();
+  options.max_frames = 1;
+  EXPECT_THAT(Get(options), IsOk()) << "what is read is complete";
+  WriteClip(tracks);
+  fs::remove(root_.File("frames/00002.jpg"));
+  EXPECT_THAT(Get(Options()), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("frames/00002.jpg is missing")));
+  options.max_frames = 2;
+  EXPECT_THAT(Get(options), IsOk());
+  options.max_frames = 3;
+  EXPECT_THAT(Get(options), StatusIs(absl::StatusCode::kDataLoss));
+}
+
 // As where it may not be read: what there is behind it cannot be told.
 TEST_F(NeutralTest, AnEntryThatCannotBeLookedIntoIsNoClip) {
   fs::create_symlink("loop", root_.path() / "loop");
