@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <functional>
+#include <tuple>
 
 namespace holdfast {
 namespace {
@@ -28,9 +29,12 @@ torch::Tensor Normal(torch::IntArrayRef shape, const torch::Tensor& like, Rng& r
   return Draw(shape, like, [&] { return rng.Normal(); });
 }
 
-// The truth where it is known, else the query.
+// The truth where it is known, else the last position known before: the query's, in frame 0, always is.
 torch::Tensor KnownTracks(const ClipTargets& targets) {
-  return torch::where(targets.valid.unsqueeze(-1), targets.tracks, ZeroVelocity(targets.tracks));
+  const torch::Tensor& tracks = targets.tracks;
+  const torch::Tensor frame = torch::arange(tracks.size(1), torch::TensorOptions(torch::kLong).device(tracks.device()));
+  const torch::Tensor known = std::get<0>((targets.valid * frame).cummax(1));  // [N, S]
+  return tracks.gather(1, known.unsqueeze(-1).expand_as(tracks));
 }
 
 torch::Tensor WithQuery(const torch::Tensor& start, const torch::Tensor& tracks) {

@@ -67,6 +67,17 @@ TEST(WindowPlanTest, NoiseDoesNotFollowLabelsThatAreNotValid) {
   EXPECT_LT(ContinuedStart(targets, 6, rng).abs().max().item<float>(), 1e4);
 }
 
+TEST(WindowPlanTest, AStartStaysAtTheLastPositionKnownWhereALabelIsNotValid) {
+  ClipTargets targets = Moving(3, 24);
+  targets.tracks.mul_(10);
+  const torch::Tensor want = targets.tracks.clone();
+  want.narrow(1, 11, 3).copy_(want.narrow(1, 10, 1));
+  targets.tracks.narrow(1, 11, 3).fill_(1e9);
+  targets.valid.narrow(1, 11, 3).fill_(false);
+  Rng rng(5);
+  EXPECT_LT((ContinuedStart(targets, 24, rng) - want).abs().max().item<float>(), 6);
+}
+
 TEST(WindowPlanTest, AContinuationKnowsTheFirstFramesAndRepeatsTheLastOfThem) {
   const ClipTargets targets = Moving(3, 8);
   Rng rng(5);
