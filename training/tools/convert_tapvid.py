@@ -13,6 +13,7 @@ and Pillow.
 Pickles can run code when they are read. This reader allows numpy arrays and plain containers and refuses all else.
 """
 import argparse
+import glob
 import io
 import json
 import os
@@ -77,8 +78,17 @@ def tracks(frames, points, occluded):
     return {"width": width, "height": height, "fps": 0, "points": entries}
 
 
+def remove_clip(directory):
+    """What the format names of an older clip, which may be longer than the new one. Tracks first: they make a clip."""
+    for pattern in ("tracks.json", "frames/?????.jpg", "frames/?????.png", "masks/?????.jpg", "masks/?????.png"):
+        for path in glob.glob(os.path.join(glob.escape(directory), pattern)):
+            if pattern == "tracks.json" or os.path.basename(path)[:5].isdigit():
+                os.remove(path)
+
+
 def write_clip(directory, clip, quality):
     frames, points, occluded = checked(clip)
+    remove_clip(directory)
     os.makedirs(os.path.join(directory, "frames"), exist_ok=True)
     for number, frame in enumerate(frames):
         path = os.path.join(directory, "frames", f"{number:05d}.jpg")

@@ -55,6 +55,16 @@ class ConvertTapVidTest(unittest.TestCase):
         red = np.asarray(Image.open(self.path("out", "goat", "frames", "00001.jpg")))[5, 5]
         self.assertLess(np.abs(red.astype(int) - (200, 100, 0)).max(), 6)
 
+    def test_a_shorter_clip_replaces_a_longer_one(self):
+        self.assertEqual(self.convert({"goat": clip()}).returncode, 0)
+        with open(self.path("out", "goat", "frames", "cover.jpg"), "wb"):
+            pass
+        short = clip()
+        short = {"video": short["video"][:2], "points": short["points"][:, :2], "occluded": short["occluded"][:, :2]}
+        self.assertEqual(self.convert({"goat": short}).returncode, 0)
+        self.assertEqual(sorted(os.listdir(self.path("out", "goat", "frames"))),
+                         ["00000.jpg", "00001.jpg", "cover.jpg"])
+
     def test_reads_lists_of_clips_with_encoded_frames(self):
         encoded = clip()
         buffers = []

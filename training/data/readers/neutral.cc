@@ -217,6 +217,23 @@ class NeutralDataset : public Dataset {
   const std::vector<fs::path> clips_;
 };
 
+// The pictures and tracks that the format names, and nothing else. Tracks first: without them there is no clip.
+absl::Status RemoveClip(const fs::path& root) {
+  std::vector<fs::path> files = {root / "tracks.json"};
+  std::error_code error;
+  for (const char* folder : {"frames", "masks"}) {
+    std::error_code none;
+    for (fs::directory_iterator it(root / folder, none), end; !none && it != end; it.increment(none)) {
+      if (NumberOf(it->path())) files.push_back(it->path());
+    }
+  }
+  for (const fs::path& file : files) {
+    fs::remove(file, error);
+    if (error && Exists(file)) return absl::UnavailableError(absl::StrCat("cannot remove ", file.string()));
+  }
+  return absl::OkStatus();
+}
+
 json PointJson(const Sample& sample, int64_t n) {
   json point = {{"name", absl::StrCat("p", n)}, {"object", sample.object_ids[static_cast<size_t>(n)]}};
   json &frames = point["frames"] = json::array(), &xy = point["xy"] = json::array(),
@@ -269,6 +286,7 @@ absl::StatusOr<std::unique_ptr<Dataset>> Neutral::Create(const NeutralOptions& o
 absl::Status WriteNeutral(const Sample& sample, const std::string& directory) {
   const fs::path root(directory);
   std::error_code error;
+  if (absl::Status status = RemoveClip(root); !status.ok()) return status;
   for (const char* folder : {"frames", "masks"}) {
     if (folder[0] == 'm' && !sample.has_masks()) continue;
     fs::create_directories(root / folder, error);

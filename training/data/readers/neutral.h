@@ -37,7 +37,8 @@ class Neutral {
   static absl::StatusOr<std::unique_ptr<Dataset>> Create(const NeutralOptions& options);
 };
 
-// Writes a clip as <directory>/{frames, masks, tracks.json}; directories are made, files replaced.
+// Writes a clip as <directory>/{frames, masks, tracks.json}; directories are made, and a
+// clip that was there is replaced, its further pictures too.
 absl::Status WriteNeutral(const Sample& sample, const std::string& directory);
 
 }  // namespace holdfast

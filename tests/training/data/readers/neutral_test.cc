@@ -118,6 +118,21 @@ TEST_F(NeutralTest, WhatIsWrittenIsReadBack) {
   }
 }
 
+TEST_F(NeutralTest, AShorterClipReplacesALongerOne) {
+  Sample clip = SyntheticClip();
+  ASSERT_THAT(WriteNeutral(clip, root_.path().string()), IsOk());
+  std::ofstream(root_.File("frames/cover.jpg")) << "of somebody else";
+  clip.frames.resize(2);
+  clip.masks.clear();
+  clip.AllocatePoints(1);
+  ASSERT_THAT(WriteNeutral(clip, root_.path().string()), IsOk());
+  const absl::StatusOr<Sample> back = Get(Options());
+  ASSERT_THAT(back, IsOk());
+  EXPECT_EQ(back->num_frames(), 2);
+  EXPECT_FALSE(back->has_masks());
+  EXPECT_TRUE(fs::exists(root_.File("frames/cover.jpg")));
+}
+
 TEST_F(NeutralTest, TakesStretchesFromPlacesThatTheRngDraws) {
   ASSERT_THAT(WriteNeutral(SyntheticClip(), root_.path().string()), IsOk());
   const Sample whole = Get(Options()).value();
