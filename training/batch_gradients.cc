@@ -38,7 +38,8 @@ void BatchGradients::Refresh() {
 absl::Status BatchGradients::OpenLoader(int64_t batch, double progress) {
   const Phase* phase = &recipe_.PhaseAt(progress);
   if (phase == phase_) return absl::OkStatus();
-  if (loader_ != nullptr) skipped_before_ += loader_->skipped();
+  last_skip_before_ = last_skip();
+  skipped_before_ = skipped_samples();
   loader_.reset();
   absl::StatusOr<std::unique_ptr<Loader>> loader = parts_.clips->Open(*phase, batch);
   if (!loader.ok()) return loader.status();
@@ -93,6 +94,10 @@ void BatchGradients::AddClips(absl::Span<const ClipTensors> clips, int64_t first
 
 int64_t BatchGradients::skipped_samples() const {
   return skipped_before_ + (loader_ == nullptr ? 0 : loader_->skipped());
+}
+
+std::string BatchGradients::last_skip() const {
+  return loader_ == nullptr || loader_->skipped() == 0 ? last_skip_before_ : loader_->last_error();
 }
 
 }  // namespace holdfast

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -39,8 +40,9 @@ class BatchGradients {
   absl::Status Add(int64_t batch, double progress, StepTimes& times, LossValues& sum);
   // Takes over the network's weights, which have changed.
   void Refresh();
-  // Damaged samples so far.
+  // Damaged samples of this process so far, and what the last of them said.
   int64_t skipped_samples() const;
+  std::string last_skip() const;
 
  private:
   absl::Status OpenLoader(int64_t batch, double progress);
@@ -56,6 +58,7 @@ class BatchGradients {
   std::unique_ptr<Loader> loader_;
   const Phase* phase_ = nullptr;  // of the loader
   int64_t skipped_before_ = 0;    // by loaders closed before
+  std::string last_skip_before_;  // of theirs
 };
 
 }  // namespace holdfast

@@ -82,6 +82,13 @@ absl::Status StartFrom(const TrainRequest& request, PointModelImpl& model, Train
 }
 
 // A training that goes on from a checkpoint needs no weights to start from.
+// What a process but the first has to say to people: of its own samples, for example.
+std::unique_ptr<ObserverList> NoticesOfOthers(const TrainRequest& request) {
+  auto observers = std::make_unique<ObserverList>();
+  observers->Add(MakeConsole(std::cerr, {false, request.log_every}));
+  return observers;
+}
+
 absl::StatusOr<PointModel> MakeNetwork(const TrainRequest& request, TrainingObserver& observer) {
   torch::manual_seed(request.trainer.seed);
   PointModel model(request.network);
@@ -139,7 +146,7 @@ absl::StatusOr<StopReason> Train(const TrainRequest& request, const GroupOptions
   cv::setNumThreads(1);  // clips are made in parallel, not their pixels: OpenCV's pool would take the network's cores
   const bool leads = options.rank == 0;
   // Before the others are waited for, so that logs and metrics tell of it when one does not come.
-  auto observers = leads ? OpenLogs(request, clock) : std::make_unique<ObserverList>();
+  auto observers = leads ? OpenLogs(request, clock) : NoticesOfOthers(request);
   if (!observers.ok()) return observers.status();
   if (options.world > 1) (*observers)->Notice(DescribeWait(options));
   auto group = ProcessGroup::Join(options, request.trainer.device.type());

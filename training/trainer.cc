@@ -25,7 +25,7 @@ namespace holdfast {
 namespace {
 
 // What travels with the gradients, as sums over processes: the loss in the order of its columns, then these.
-enum Extra : size_t { kStop = kLossColumns.size(), kProgress, kExtraCount };
+enum Extra : size_t { kStop = kLossColumns.size(), kProgress, kSkippedSamples, kExtraCount };
 
 void PutLoss(const LossValues& loss, std::vector<double>& extra) {
   for (size_t i = 0; i < kLossColumns.size(); ++i) extra[i] = loss.*kLossColumns[i].value;
@@ -77,6 +77,7 @@ class TrainerImpl : public Trainer {
   absl::Status Update(StepReport& report, std::vector<double>& extra);
   absl::Status Guard(bool finite);
   void Finish(StepReport& report, const std::vector<double>& extra);
+  void TellOfSkips();
   double ProgressAt(int64_t step, absl::Duration elapsed) const;
   absl::Status Validate();
   absl::Status Checkpoint();
@@ -93,6 +94,7 @@ class TrainerImpl : public Trainer {
   absl::Duration elapsed_before_;  // in earlier runs
   int64_t saved_step_ = -1;        // of the checkpoint written or resumed from last; below 0: none
   int64_t skipped_in_row_ = 0;
+  int64_t told_skips_ = 0;
   bool stop_ = false;
 };
 
@@ -214,6 +216,7 @@ double TrainerImpl::ProgressAt(int64_t step, absl::Duration elapsed) const {
 absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra) {
   const SteadyTime begin = parts_.clock->SteadyNow();
   extra[kStop] = parts_.stop->load() ? 1 : 0;
+  extra[kSkippedSamples] = static_cast<double>(gradients_.skipped_samples());
   extra[kProgress] = leads() ? ProgressAt(state_.step + 1, Elapsed()) : 0;
   report.clips = recipe().batch_size * recipe().accumulate * parts_.group->world();
   const double share = 1.0 / static_cast<double>(report.clips);
@@ -245,9 +248,20 @@ void TrainerImpl::Finish(StepReport& report, const std::vector<double>& extra) {
   report.when = parts_.clock->WallNow();
   report.elapsed = Elapsed();
   report.skipped_steps = state_.skipped_steps;
-  report.skipped_samples = gradients_.skipped_samples();
+  report.skipped_samples = std::llround(extra[kSkippedSamples]);
   report.bfloat16 = NetworkType(options_) == torch::kBFloat16;
   if (leads()) parts_.observer->StepDone(report);
+  TellOfSkips();
+}
+
+// At the first damaged sample of this process, and then whenever there are twice as many as it told of last.
+void TrainerImpl::TellOfSkips() {
+  const int64_t skipped = gradients_.skipped_samples();
+  if (skipped == 0 || skipped < 2 * told_skips_) return;
+  told_skips_ = skipped;
+  parts_.observer->Notice(
+      absl::StrCat("rank ", parts_.group->rank(), " has skipped ", skipped,
+                   skipped == 1 ? " damaged sample: " : " damaged samples; the last: ", gradients_.last_skip()));
 }
 
 absl::Status TrainerImpl::Guard(bool finite) {

@@ -47,7 +47,7 @@ struct TrainerParts {
   ClipSource* clips = nullptr;
   const Validation* validation = nullptr;  // null: none
   ProcessGroup* group = nullptr;
-  TrainingObserver* observer = nullptr;  // hears of rank 0's events only
+  TrainingObserver* observer = nullptr;  // hears of rank 0's events, and notices of its own process
   const Clock* clock = nullptr;
   const std::atomic<bool>* stop = nullptr;  // true: finish the step, write a checkpoint and return
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/trainer.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <torch/types.h>
 #include <torch/utils.h>
@@ -24,7 +25,10 @@
 namespace holdfast {
 namespace {
 
+using ::testing::Each;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
 
 // Remembers what it hears; 'on_step' may interfere.
 class Recorder : public TrainingObserver {
@@ -309,6 +313,9 @@ TEST_F(TrainerTest, DamagedClipsAreSkippedAndCounted) {
   ASSERT_THAT(Train(dir, recorder, &clips), IsOk());
   EXPECT_EQ(recorder.steps.size(), 8u);
   EXPECT_GE(recorder.steps.back().skipped_samples, 2);
+  ASSERT_THAT(recorder.notices, Not(IsEmpty()));
+  EXPECT_THAT(recorder.notices, Each(HasSubstr("00003.jpg does not decode")));
+  EXPECT_LE(recorder.notices.size(), 4u) << "one each time the number has doubled";
 }
 
 TEST_F(TrainerTest, DataThatNeverComesEndsTheTrainingWithItsError) {

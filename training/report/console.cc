@@ -35,6 +35,7 @@ std::string StepLine(const StepReport& report) {
   absl::StrAppendFormat(&line, "  %s  lr %.2e  %.2f s/step, data %.0f%%%s", LossText(report.loss), report.learning_rate,
                         seconds, seconds > 0 ? 100 * absl::ToDoubleSeconds(report.times.data) / seconds : 0.0,
                         Remaining(report));
+  if (report.skipped_samples > 0) absl::StrAppend(&line, "  ", report.skipped_samples, " damaged samples skipped");
   if (report.skipped) absl::StrAppend(&line, "  SKIPPED: not finite");
   return line;
 }

@@ -27,7 +27,7 @@ class PrometheusTraining : public TrainingMetrics {
         progress_(Level("holdfast_training_progress", "Share of the training done.")),
         rate_(Level("holdfast_training_learning_rate", "Learning rate of the last step.")),
         norm_(Level("holdfast_training_gradient_norm", "Norm of the last gradient before clipping.")),
-        samples_(Level("holdfast_training_skipped_samples", "Damaged samples skipped in this run.")),
+        samples_(Level("holdfast_training_skipped_samples", "Damaged samples skipped in this run, all processes.")),
         bfloat16_(Level("holdfast_training_bfloat16", "1 while the network runs in bfloat16, 0 in float32.")),
         loss_(prometheus::BuildGauge().Name("holdfast_training_loss").Help("Last step's loss.").Register(registry_)),
         validation_(prometheus::BuildGauge()

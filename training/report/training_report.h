@@ -74,7 +74,7 @@ struct StepReport {
   bool bfloat16 = false;        // the network ran in bfloat16
   int64_t clips = 0;            // in this step, all processes
   int64_t skipped_steps = 0;    // so far
-  int64_t skipped_samples = 0;  // damaged ones so far, this process and run
+  int64_t skipped_samples = 0;  // damaged ones so far, in all processes of this run
   LossValues loss;
   StepTimes times;
 };

@@ -182,6 +182,17 @@ TEST(ConsoleTest, WritesPlainLinesNowAndThen) {
   EXPECT_THAT(out.str(), HasSubstr("1.00 s/step, data 25%, 1m30s left"));
 }
 
+TEST(ConsoleTest, SaysHowManySamplesAreDamaged) {
+  std::ostringstream out;
+  const auto console = MakeConsole(out, {false, 1});
+  StepReport report = Step(1);
+  console->StepDone(report);
+  EXPECT_THAT(out.str(), Not(HasSubstr("damaged")));
+  report.skipped_samples = 3;
+  console->StepDone(report);
+  EXPECT_THAT(out.str(), HasSubstr("  3 damaged samples skipped\n"));
+}
+
 TEST(ConsoleTest, ATerminalGetsABarThatNoticesDoNotBreak) {
   std::ostringstream out;
   const auto console = MakeConsole(out, {true, 10});
