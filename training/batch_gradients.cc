@@ -35,26 +35,26 @@ void BatchGradients::Refresh() {
   for (WorkingNetwork& network : networks_) network.Refresh();
 }
 
-absl::Status BatchGradients::OpenLoader(int64_t batch, double progress) {
+absl::Status BatchGradients::OpenLoader(int64_t first_draw, double progress) {
   const Phase* phase = &recipe_.PhaseAt(progress);
   if (phase == phase_) return absl::OkStatus();
   last_skip_before_ = last_skip();
   skipped_before_ = skipped_samples();
   loader_.reset();
-  absl::StatusOr<std::unique_ptr<Loader>> loader = parts_.clips->Open(*phase, batch);
+  absl::StatusOr<std::unique_ptr<Loader>> loader = parts_.clips->Open(*phase, first_draw);
   if (!loader.ok()) return loader.status();
   loader_ = *std::move(loader);
   phase_ = phase;
   return absl::OkStatus();
 }
 
-absl::Status BatchGradients::Add(int64_t batch, double progress, StepTimes& times, LossValues& sum) {
-  if (const absl::Status status = OpenLoader(batch, progress); !status.ok()) return status;
+absl::Status BatchGradients::Add(int64_t first_draw, double progress, StepTimes& times, LossValues& sum) {
+  if (const absl::Status status = OpenLoader(first_draw, progress); !status.ok()) return status;
   const SteadyTime begin = parts_.clock->SteadyNow();
   const absl::StatusOr<std::vector<Sample>> samples = loader_->Next();
   if (!samples.ok()) return samples.status();
   times.data += parts_.clock->Since(begin);
-  const int64_t first_draw = (batch * parts_.group->world() + parts_.group->rank()) * recipe_.batch_size;
+  const int64_t my_first_draw = first_draw + parts_.group->rank() * recipe_.batch_size;
   const ClipStepOptions options = {recipe_.LossAt(progress),
                                    {recipe_.noisy_start, recipe_.streaming_windows, recipe_.chain_start},
                                    phase_->iterations};
@@ -65,7 +65,7 @@ absl::Status BatchGradients::Add(int64_t batch, double progress, StepTimes& time
     clips.push_back(*std::move(clip));
   }
   for (size_t i = 0; i < clips.size(); i += networks_.size()) {
-    AddClips(absl::MakeConstSpan(clips).subspan(i, networks_.size()), first_draw + static_cast<int64_t>(i), options,
+    AddClips(absl::MakeConstSpan(clips).subspan(i, networks_.size()), my_first_draw + static_cast<int64_t>(i), options,
              times, sum);
   }
   return absl::OkStatus();

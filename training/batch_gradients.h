@@ -35,9 +35,10 @@ class BatchGradients {
 
   BatchGradients(const Recipe& recipe, uint64_t seed, torch::Device device, const Parts& parts);
 
-  // Adds the gradients of loader batch 'batch' at 'progress' of the training, and to 'times' and 'sum' what its clips
-  // took and lost. Batches must be asked for in order.
-  absl::Status Add(int64_t batch, double progress, StepTimes& times, LossValues& sum);
+  // Adds the gradients of this process's part of the batch that begins with draw 'first_draw' of the data, at
+  // 'progress' of the training, and to 'times' and 'sum' what its clips took and lost. Batches must be asked for in
+  // order.
+  absl::Status Add(int64_t first_draw, double progress, StepTimes& times, LossValues& sum);
   // Takes over the network's weights, which have changed.
   void Refresh();
   // Damaged samples of this process so far, and what the last of them said.
@@ -45,7 +46,7 @@ class BatchGradients {
   std::string last_skip() const;
 
  private:
-  absl::Status OpenLoader(int64_t batch, double progress);
+  absl::Status OpenLoader(int64_t first_draw, double progress);
   // As many clips as there are networks, beside each other; 'first_draw' is the number of the first one's chance.
   void AddClips(absl::Span<const ClipTensors> clips, int64_t first_draw, const ClipStepOptions& options,
                 StepTimes& times, LossValues& sum);

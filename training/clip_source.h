@@ -13,9 +13,9 @@ namespace holdfast {
 class ClipSource {
  public:
   virtual ~ClipSource() = default;
-  // Batches of this process with clips as 'phase' wants them, from batch 'first_batch' on. The loader borrows from the
+  // Batches of this process with clips as 'phase' wants them, from draw 'first_draw' on. The loader borrows from the
   // source: at most one is alive, and it dies first.
-  virtual absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_batch) = 0;
+  virtual absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_draw) = 0;
 };
 
 }  // namespace holdfast

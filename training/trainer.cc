@@ -57,6 +57,7 @@ class TrainerImpl : public Trainer {
         optimizer_(parts.model->parameters(), OptimizerOptions(options.recipe)) {
     state_.seed = options.seed;
     state_.recipe = Describe(options.recipe);
+    state_.world = parts.group->world();
   }
 
   absl::Status Resume();
@@ -66,6 +67,7 @@ class TrainerImpl : public Trainer {
  private:
   const Recipe& recipe() const { return options_.recipe; }
   bool leads() const { return parts_.group->rank() == 0; }
+  int64_t DrawsOfBatch() const { return recipe().batch_size * parts_.group->world(); }
   bool Done() const { return progress_ >= 1; }
   bool AfterLastStep() const { return Done() || stop_; }  // the same in every process
   absl::Duration Elapsed() const { return elapsed_before_ + parts_.clock->Since(run_began_); }
@@ -117,12 +119,18 @@ absl::Status TrainerImpl::Resume() {
   if (status.ok()) status = average_.Restore(checkpoint.state.average, checkpoint.state.average_updates);
   if (!status.ok()) return absl::DataLossError(absl::StrCat(checkpoint.path, ": ", status.message()));
   state_ = std::move(checkpoint.state);
+  const int64_t world_before = std::exchange(state_.world, parts_.group->world());
+  if (world_before == 0) state_.next_draw *= DrawsOfBatch();
   saved_step_ = state_.step;
   progress_ = ProgressAt(state_.step, state_.elapsed);
   gradients_.Refresh();
   if (leads()) {
     if (!checkpoint.skipped.empty()) parts_.observer->Notice(absl::StrCat("passed over: ", checkpoint.skipped));
     parts_.observer->Notice(absl::StrCat("going on from step ", state_.step, " (", checkpoint.path, ")"));
+    if (world_before != 0 && world_before != state_.world) {
+      parts_.observer->Notice(absl::StrCat("processes: ", world_before, " before, ", state_.world, " now; a step has ",
+                                           DrawsOfBatch() * recipe().accumulate, " clips"));
+    }
   }
   return absl::OkStatus();
 }
@@ -197,7 +205,8 @@ absl::Status TrainerImpl::Step() {
   LossValues sum = {};
   absl::Status status;
   for (int64_t i = 0; status.ok() && i < recipe().accumulate; ++i) {
-    status = gradients_.Add(state_.next_batch++, progress_, report.times, sum);
+    status = gradients_.Add(state_.next_draw, progress_, report.times, sum);
+    state_.next_draw += DrawsOfBatch();
   }
   std::vector<double> extra(kExtraCount, 0.0);
   PutLoss(sum, extra);
@@ -218,7 +227,7 @@ absl::Status TrainerImpl::Update(StepReport& report, std::vector<double>& extra)
   extra[kStop] = parts_.stop->load() ? 1 : 0;
   extra[kSkippedSamples] = static_cast<double>(gradients_.skipped_samples());
   extra[kProgress] = leads() ? ProgressAt(state_.step + 1, Elapsed()) : 0;
-  report.clips = recipe().batch_size * recipe().accumulate * parts_.group->world();
+  report.clips = DrawsOfBatch() * recipe().accumulate;
   const double share = 1.0 / static_cast<double>(report.clips);
   absl::StatusOr<torch::Tensor> gradient = SumGradients(parts_.model->parameters(), share, *parts_.group, extra);
   if (!gradient.ok()) return gradient.status();

@@ -54,7 +54,8 @@ bool HasBarelyBegun(const std::string& directory, const std::set<int64_t, std::g
 
 std::string ToJson(const TrainingState& state) {
   const nlohmann::json json = {{"step", state.step},
-                               {"next_batch", state.next_batch},
+                               {"next_draw", state.next_draw},
+                               {"world", state.world},
                                {"seed", state.seed},
                                {"elapsed_s", absl::ToDoubleSeconds(state.elapsed)},
                                {"skipped_steps", state.skipped_steps},
@@ -71,7 +72,8 @@ absl::StatusOr<TrainingState> FromJson(const std::string& text) {
     const nlohmann::json json = nlohmann::json::parse(text);
     TrainingState state;
     json.at("step").get_to(state.step);
-    json.at("next_batch").get_to(state.next_batch);
+    state.world = json.value("world", 0);  // earlier checkpoints have neither this nor draws
+    json.at(state.world > 0 ? "next_draw" : "next_batch").get_to(state.next_draw);
     json.at("seed").get_to(state.seed);
     state.elapsed = absl::Seconds(json.at("elapsed_s").get<double>());
     json.at("skipped_steps").get_to(state.skipped_steps);

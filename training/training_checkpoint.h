@@ -21,7 +21,8 @@ namespace holdfast {
 
 struct TrainingState {
   int64_t step = 0;        // optimizer steps done
-  int64_t next_batch = 0;  // of the data
+  int64_t next_draw = 0;   // of the data
+  int64_t world = 0;       // processes that it was written by; 0: an earlier file, whose next_draw counts their batches
   uint64_t seed = 0;       // of all chance: what a step draws is a function of it and of the batch's number
   absl::Duration elapsed;  // of training, over all runs
   int64_t skipped_steps = 0;

@@ -57,7 +57,7 @@ absl::StatusOr<std::unique_ptr<Dataset>> OpenTrainingData(const TrainingDataOpti
   return TrainingStream(*std::move(recorded), augment, options.augment, phase.points, options.seed);
 }
 
-absl::StatusOr<std::unique_ptr<Loader>> TrainingClips::Open(const Phase& phase, int64_t first_batch) {
+absl::StatusOr<std::unique_ptr<Loader>> TrainingClips::Open(const Phase& phase, int64_t first_draw) {
   absl::StatusOr<std::unique_ptr<Dataset>> dataset = OpenTrainingData(data_, phase);
   if (!dataset.ok()) return dataset.status();
   dataset_ = *std::move(dataset);
@@ -65,7 +65,7 @@ absl::StatusOr<std::unique_ptr<Loader>> TrainingClips::Open(const Phase& phase, 
   options.batch_size = loader_.batch_size;
   options.workers = loader_.workers;
   options.seed = data_.seed;
-  options.first_batch = first_batch;
+  options.first_draw = first_draw;
   options.rank = loader_.rank;
   options.world = loader_.world;
   return Loader::Create(*dataset_, options);

@@ -42,7 +42,7 @@ struct TrainingLoaderOptions {
 class TrainingClips : public ClipSource {
  public:
   TrainingClips(const TrainingDataOptions& data, const TrainingLoaderOptions& loader) : data_(data), loader_(loader) {}
-  absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_batch) override;
+  absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_draw) override;
 
  private:
   const TrainingDataOptions data_;

@@ -12,6 +12,7 @@
 #include <map>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "model/checkpoint/checkpoint.h"
 #include "model/checkpoint/safetensors.h"
 #include "model/presets.h"
@@ -25,6 +26,7 @@
 namespace holdfast {
 namespace {
 
+using ::testing::Contains;
 using ::testing::Each;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -74,12 +76,12 @@ class ChangedClips : public Dataset {
 class ChangedSource : public ClipSource {
  public:
   explicit ChangedSource(std::function<absl::Status(size_t, Sample&)> change) : change_(std::move(change)) {}
-  absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_batch) override {
+  absl::StatusOr<std::unique_ptr<Loader>> Open(const Phase& phase, int64_t first_draw) override {
     TrainingDataOptions data;
     data.frames = 6;
     clips_ = std::make_unique<ChangedClips>(*OpenTrainingData(data, phase), change_);
     LoaderOptions options;
-    options.first_batch = first_batch;
+    options.first_draw = first_draw;
     return Loader::Create(*clips_, options);
   }
 
@@ -248,6 +250,32 @@ TEST_F(TrainerTest, AFinishedTrainingHasNothingLeftToDo) {
   EXPECT_EQ(summary->step, options_.recipe.steps);
   EXPECT_TRUE(again.steps.empty());
   EXPECT_EQ(Metadata(state), written) << "the pair is not written again";
+}
+
+TEST_F(TrainerTest, AnotherNumberOfProcessesGoesOnAtTheNextClip) {
+  const TempDir dir;
+  Recorder first, second;
+  ASSERT_THAT(TrainUntil(3, dir, first), IsOk());
+  for (const absl::Status& end : TrainAsTwo(dir, second)) ASSERT_THAT(end, IsOk());
+  EXPECT_THAT(second.notices, Contains(HasSubstr("processes: 1 before, 2 now; a step has 2 clips")));
+  EXPECT_EQ((*FindTrainingCheckpoint(dir.path()))->state.next_draw, 3 + 2 * 5);
+}
+
+TEST_F(TrainerTest, ACheckpointThatCountsBatchesGoesOn) {
+  const TempDir whole, dir;
+  Recorder uninterrupted, first, second;
+  options_.recipe.batch_size = 2;
+  ASSERT_THAT(Train(whole, uninterrupted), IsOk());
+  ASSERT_THAT(TrainUntil(3, dir, first), IsOk());
+  const std::string path = dir.File("checkpoint-00000003.state.safetensors");
+  auto file = ReadSafetensors(path);
+  ASSERT_THAT(file, IsOk());
+  file->metadata["holdfast.training_state"] = absl::StrReplaceAll(
+      file->metadata["holdfast.training_state"], {{"\"next_draw\":6", "\"next_batch\":3"}, {",\"world\":1", ""}});
+  ASSERT_THAT(file->metadata["holdfast.training_state"], HasSubstr("next_batch"));
+  ASSERT_THAT(WriteSafetensors(path, *file), IsOk());
+  ASSERT_THAT(Train(dir, second), IsOk());
+  EXPECT_EQ(second.losses().back(), uninterrupted.losses().back());
 }
 
 TEST_F(TrainerTest, RefusesToGoOnWithAnotherRecipeSeedOrNetwork) {

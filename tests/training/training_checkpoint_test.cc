@@ -26,7 +26,8 @@ PointModel Network() { return PointModel(*PresetByName("test")); }
 TrainingState StateAt(int64_t step) {
   TrainingState state;
   state.step = step;
-  state.next_batch = 3 * step;
+  state.next_draw = 3 * step;
+  state.world = 2;
   state.seed = 0xFFFFFFFFFFFFFFFFull;
   state.elapsed = absl::Milliseconds(1500);
   state.skipped_steps = 2;
@@ -63,7 +64,8 @@ TEST(TrainingCheckpointTest, GivesBackWhatWasSaved) {
   ASSERT_TRUE(found->has_value());
   const TrainingState& state = (*found)->state;
   EXPECT_EQ(state.step, 5);
-  EXPECT_EQ(state.next_batch, 15);
+  EXPECT_EQ(state.next_draw, 15);
+  EXPECT_EQ(state.world, 2);
   EXPECT_EQ(state.seed, 0xFFFFFFFFFFFFFFFFull);
   EXPECT_EQ(state.elapsed, absl::Milliseconds(1500));
   EXPECT_EQ(state.skipped_steps, 2);

@@ -23,7 +23,7 @@ class BatchMaker {
 
   absl::StatusOr<Batch> Make(int64_t batch) {
     Batch samples;
-    const int64_t first_draw = (batch * options_.world + options_.rank) * options_.batch_size;
+    const int64_t first_draw = options_.first_draw + (batch * options_.world + options_.rank) * options_.batch_size;
     for (int64_t i = 0; i < options_.batch_size; ++i) {
       absl::StatusOr<Sample> sample = Draw(static_cast<uint64_t>(first_draw + i));
       if (!sample.ok()) return sample.status();
@@ -82,8 +82,7 @@ class BatchMaker {
 // Batches made where and when they are asked for.
 class DirectLoader : public Loader {
  public:
-  DirectLoader(const Dataset& dataset, const LoaderOptions& options)
-      : maker_(dataset, options), next_(options.first_batch) {}
+  DirectLoader(const Dataset& dataset, const LoaderOptions& options) : maker_(dataset, options) {}
 
   absl::StatusOr<Batch> Next() override { return maker_.Make(next_++); }
   int64_t skipped() const override { return maker_.skipped(); }
@@ -91,7 +90,7 @@ class DirectLoader : public Loader {
 
  private:
   BatchMaker maker_;
-  int64_t next_;
+  int64_t next_ = 0;
 };
 
 // Workers claim batch numbers in order, make them in parallel and leave them in 'ready_', where Next() picks them up in
@@ -99,10 +98,7 @@ class DirectLoader : public Loader {
 class PrefetchingLoader : public Loader {
  public:
   PrefetchingLoader(const Dataset& dataset, const LoaderOptions& options)
-      : maker_(dataset, options),
-        prefetch_(options.prefetch),
-        wanted_(options.first_batch),
-        unclaimed_(options.first_batch) {
+      : maker_(dataset, options), prefetch_(options.prefetch) {
     for (int i = 0; i < options.workers; ++i) threads_.emplace_back([this] { Work(); });
   }
 
@@ -149,8 +145,8 @@ class PrefetchingLoader : public Loader {
   BatchMaker maker_;
   const int64_t prefetch_;
   mutable absl::Mutex mutex_;
-  int64_t wanted_ ABSL_GUARDED_BY(mutex_);     // the batch Next() gives next
-  int64_t unclaimed_ ABSL_GUARDED_BY(mutex_);  // the first batch no worker has begun
+  int64_t wanted_ ABSL_GUARDED_BY(mutex_) = 0;     // the batch Next() gives next
+  int64_t unclaimed_ ABSL_GUARDED_BY(mutex_) = 0;  // the first batch no worker has begun
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::map<int64_t, absl::StatusOr<Batch>> ready_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::thread> threads_;  // last: they use all of the above
@@ -162,7 +158,7 @@ absl::Status LoaderOptions::Validate() const {
   if (batch_size < 1) return absl::InvalidArgumentError("batch_size must be positive");
   if (workers < 0 || workers > 1024) return absl::InvalidArgumentError("workers must be in [0, 1024]");
   if (prefetch < 1) return absl::InvalidArgumentError("prefetch must be positive");
-  if (first_batch < 0) return absl::InvalidArgumentError("first_batch must not be negative");
+  if (first_draw < 0) return absl::InvalidArgumentError("first_draw must not be negative");
   if (world < 1 || rank < 0 || rank >= world) return absl::InvalidArgumentError("rank must be in [0, world)");
   if (max_attempts < 1) return absl::InvalidArgumentError("max_attempts must be positive");
   return absl::OkStatus();

@@ -85,7 +85,7 @@ TEST(LoaderTest, GoingOnAtABatchGivesWhatAnUninterruptedRunGives) {
   const NumberedSamples samples(7);
   const std::vector<std::string> all = Read(samples, Options(2, 2), 10);
   LoaderOptions resumed = Options(2, 2);
-  resumed.first_batch = 6;
+  resumed.first_draw = 12;
   EXPECT_EQ(Read(samples, resumed, 4), std::vector<std::string>(all.begin() + 12, all.end()));
 }
 
@@ -98,6 +98,17 @@ TEST(LoaderTest, RanksTogetherSeeTheBatchesOfOneProcess) {
   half.rank = 1;
   const std::vector<std::string> second = Read(samples, half, 1);
   EXPECT_THAT(whole, ElementsAre(first[0], first[1], second[0], second[1]));
+}
+
+TEST(LoaderTest, AnotherNumberOfRanksGoesOnAtTheNextDraw) {
+  const NumberedSamples samples(11);
+  const std::vector<std::string> whole = Read(samples, Options(1, 0), 5);
+  LoaderOptions two = Options(1, 0);
+  two.first_draw = 3;
+  two.world = 2;
+  EXPECT_EQ(Read(samples, two, 1), std::vector<std::string>{whole[3]});
+  two.rank = 1;
+  EXPECT_EQ(Read(samples, two, 1), std::vector<std::string>{whole[4]});
 }
 
 TEST(LoaderTest, DamagedSamplesAreReplacedAndCounted) {
@@ -151,7 +162,7 @@ TEST(LoaderTest, WrongOptionsAndEmptyDataSetsAreRefused) {
   wrong[1].workers = -1;
   wrong[2].prefetch = 0;
   wrong[3].rank = 1;
-  wrong[4].first_batch = -1;
+  wrong[4].first_draw = -1;
   for (const LoaderOptions& options : wrong) {
     EXPECT_THAT(Loader::Create(samples, options), StatusIs(absl::StatusCode::kInvalidArgument));
   }
