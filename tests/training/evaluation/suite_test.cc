@@ -69,6 +69,7 @@ TEST_F(SuiteTest, ShowsTheMethodsFiguresUnderThePapers) {
               HasSubstr("TAP-Vid-DAVIS     paper    896x512   69.5      -      -    94.6       -   4.8   -   -     -\n"
                         "               holdfast    896x512   12.5"));
   EXPECT_THAT(table, HasSubstr("\nCroHD: absent: get it\n"));
+  EXPECT_THAT(FormatSuite({{PaperResults()[2], Ours(12.5)}}), HasSubstr("\nCroHD: heads by the motion"));
 }
 
 TEST_F(SuiteTest, SaysHowManySequencesWereSkipped) {

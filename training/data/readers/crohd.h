@@ -16,7 +16,7 @@ struct CrohdOptions {
   int64_t clip_frames = 1000;  // sequences are cut into clips that start every half of it
   int64_t min_frames = 128;    // shorter rests are left out
   int64_t points = 0;          // tracks of a clip at most, evenly picked; 0: all
-  double min_path_px = 150;    // heads that move less in a clip are left out
+  double min_path_px = 150;    // heads that move less in a clip, by their valid positions, are left out
   ImageSize size;              // frames and labels are scaled to it when read; empty: as they are (1080 x 1920)
 };
 
