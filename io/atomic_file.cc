@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstdint>
@@ -13,7 +14,9 @@
 #include <random>
 #include <system_error>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 #include "io/descriptor.h"
 
 namespace holdfast {
@@ -46,13 +49,21 @@ std::string Followed(const std::string& path) {
   return path;
 }
 
+constexpr absl::string_view kTemporaryStart = ".holdfast-", kTemporaryEnd = ".tmp";
+
 // Short, so that a long final name does not make it too long. Libraries that write pictures and videos choose their
 // format by the suffix, so it stays the last thing of the name.
 std::string TemporaryName(const std::string& directory, const std::string& path) {
   std::random_device random;
   const uint64_t number = (uint64_t{random()} << 32) | random();
-  const std::string name = absl::StrCat(".holdfast-", absl::Hex(number, absl::kZeroPad16), ".tmp");
+  const std::string name = absl::StrCat(kTemporaryStart, absl::Hex(number, absl::kZeroPad16), kTemporaryEnd);
   return (fs::path(directory) / (name + fs::path(path).extension().string())).string();
+}
+
+bool IsTemporaryName(absl::string_view name) {
+  if (!absl::ConsumePrefix(&name, kTemporaryStart)) return false;
+  const size_t digits = std::min(name.find_first_not_of("0123456789abcdef"), name.size());
+  return digits == 16 && absl::StartsWith(name.substr(digits), kTemporaryEnd);
 }
 
 // False with errno set.
@@ -135,6 +146,13 @@ absl::Status WriteAtomically(const std::string& path, const std::function<absl::
 
 absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes) {
   return WriteAtomically(path, [bytes](const std::string& temporary) { return WriteNewFile(temporary, bytes); });
+}
+
+void RemoveTemporaryFiles(const std::string& directory) {
+  std::error_code error, ignored;  // a file too many does no harm
+  for (fs::directory_iterator it(directory, error), end; !error && it != end; it.increment(error)) {
+    if (IsTemporaryName(it->path().filename().string())) fs::remove(it->path(), ignored);
+  }
 }
 
 absl::Status CheckWritable(const std::string& path) {

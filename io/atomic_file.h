@@ -43,6 +43,10 @@ absl::Status WriteAtomically(const std::string& path, const std::function<absl::
 // The same for bytes in memory; mode 0644 less the umask.
 absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes);
 
+// Removes the temporary files that processes left in 'directory' when they were killed as they wrote. Nobody may be
+// writing there.
+void RemoveTemporaryFiles(const std::string& directory);
+
 // OK where a file can be made beside 'path' and take its name; makes one and removes it. Devices and pipes are OK where
 // they may be written to.
 absl::Status CheckWritable(const std::string& path);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "io/atomic_file.h"
 #include "model/checkpoint/checkpoint.h"
 #include "training/batch_gradients.h"
 #include "training/first_line.h"
@@ -350,6 +351,8 @@ absl::StatusOr<std::unique_ptr<Trainer>> Trainer::Create(const TrainerOptions& o
     absl::Status status = trainer->Resume();
     if (status.ok()) status = trainer->AgreeOnStart();
     if (!status.ok()) return status;
+    // All have joined: no process of an earlier run still writes.
+    if (parts.group->rank() == 0) RemoveTemporaryFiles(options.directory);
     return trainer;
   } catch (const std::exception& e) {
     return absl::InternalError(absl::StrCat("cannot start the training: ", FirstLine(e)));

@@ -43,6 +43,22 @@ class ScopedUmask {
   const mode_t old_;
 };
 
+TEST(RemoveTemporaryFilesTest, RemovesWhatAKilledProcessLeftAndNothingElse) {
+  const TempDir dir;
+  const PendingFile pending(dir.File("weights.safetensors"));
+  std::ofstream(pending.temporary()) << "half";
+  const PendingFile without_suffix(dir.File("weights"));
+  std::ofstream(without_suffix.temporary()) << "half";
+  for (const char* name : {"weights.safetensors", ".holdfast-notes.tmp", ".holdfast-0123456789abcdef", "x.tmp"}) {
+    std::ofstream(dir.File(name)) << "of others";
+  }
+  RemoveTemporaryFiles(dir.path().string());
+  EXPECT_FALSE(fs::exists(pending.temporary()));
+  EXPECT_FALSE(fs::exists(without_suffix.temporary()));
+  EXPECT_EQ(dir.Count(), 4u);
+  RemoveTemporaryFiles(dir.File("no such directory"));
+}
+
 TEST(WriteAtomicallyTest, TheFileHasItsNameOnlyWhenItIsWhole) {
   const TempDir dir;
   const std::string path = dir.File("result.npz");

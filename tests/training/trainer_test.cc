@@ -8,6 +8,7 @@
 
 #include <array>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <map>
 
@@ -236,6 +237,15 @@ TEST_F(TrainerTest, ResumesExactlyInBfloat16WithAccumulationAndPhases) {
   for (const double loss : second.losses()) joined.push_back(loss);
   EXPECT_EQ(joined, uninterrupted.losses());
   EXPECT_EQ(uninterrupted.steps.front().clips, 2);
+}
+
+TEST_F(TrainerTest, RemovesWhatAKilledProcessLeftHalfWritten) {
+  const TempDir dir;
+  const std::string left = dir.File(".holdfast-0123456789abcdef.tmp.safetensors");
+  std::ofstream(left) << "half";
+  Recorder recorder;
+  ASSERT_THAT(Train(dir, recorder), IsOk());
+  EXPECT_FALSE(std::filesystem::exists(left));
 }
 
 TEST_F(TrainerTest, AFinishedTrainingHasNothingLeftToDo) {
