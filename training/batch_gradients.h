@@ -20,9 +20,9 @@
 namespace holdfast {
 
 // Draws this process's batches, of clips as the training's phase wants them, and adds their gradients to the network's.
-// On the processor the clips of a batch run beside each other, each on a thread and a copy of the network of its own;
-// their gradients are added in the clips' order, so the sum does not depend on which one was done first. What it
-// borrows must outlive it. Not thread-safe.
+// On the processor the clips of a batch run beside each other, each on a thread and a copy of the network of its own,
+// where they keep more than half of the threads busy (model/shares.h); their gradients are added in the clips' order,
+// so the sum does not depend on which one was done first. What it borrows must outlive it. Not thread-safe.
 class BatchGradients {
  public:
   struct Parts {
