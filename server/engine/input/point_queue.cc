@@ -33,7 +33,8 @@ void PointQueue::Resume(absl::flat_hash_set<PointId> ids, bool objects, uint64_t
 
 absl::Status PointQueue::CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points,
                                     int64_t frame) const {
-  if (!objects_.empty()) {
+  // Those of an object that has been removed are not free at its own frame: they would be taken for its points.
+  if (!objects_.empty() || (frame == frame_ && !new_objects_.empty())) {
     const auto reserved = std::find_if(points.begin(), points.end(), [](const auto& p) { return IsObjectPoint(p.id); });
     if (reserved != points.end()) {
       return InvalidFieldError(absl::StrCat(list, "[", reserved - points.begin(), "].id"),
@@ -60,10 +61,11 @@ absl::Status PointQueue::CheckObjects(absl::string_view list, const std::vector<
     return OverloadError("objects of a session", absl::StrCat("at most ", kMaxObjects), absl::ZeroDuration());
   }
   const bool strange = std::any_of(points.begin(), points.end(), [](const auto& p) { return IsObjectPoint(p.id); });
-  if (strange || strangers_ > 0)
+  if (strange || strangers_ > 0 || (frame == frame_ && new_strangers_))
     return InvalidFieldError(list, "the session has points of ids that points of objects have");
   for (size_t i = 0; i < objects.size(); ++i) {
-    if (!objects_.contains(objects[i].id)) continue;
+    const ObjectId id = objects[i].id;
+    if (!objects_.contains(id) && !(frame == frame_ && new_objects_.contains(id))) continue;
     return InvalidFieldError(absl::StrCat(list, "[", i, "].id"), absl::StrCat(objects[i].id, " is in use"));
   }
   return CheckRoom(list, more, frame);
@@ -82,6 +84,8 @@ absl::Status PointQueue::CheckRoom(absl::string_view list, int64_t more, int64_t
 void PointQueue::StartFrame(int64_t frame) {
   if (frame == frame_) return;
   frame_ = frame;
+  new_objects_.clear();
+  new_strangers_ = false;
   ForgetPlaces();
 }
 
@@ -90,6 +94,7 @@ void PointQueue::Seed(absl::string_view list, const std::vector<PointQuery>& poi
     const PointId id = points[i].id;
     const int64_t replaced = ForgetReplaced(id);
     if (ids_.insert(id).second && IsObjectPoint(id)) ++strangers_;
+    if (IsObjectPoint(id)) new_strangers_ = true;
     waiting_.push_back({{PointOp::Kind::kSeed, frame_, points[i], serial_++, replaced + 1}, list, i});
     ++at_frame_;
     newest_[id] = {std::prev(waiting_.end()), waiting_.end()};
@@ -105,6 +110,7 @@ void PointQueue::SeedObject(const ObjectQuery& object) {
     ++at_frame_;
   }
   objects_[object.id] = points;
+  new_objects_.insert(object.id);
 }
 
 void PointQueue::PlaceObject(ObjectId object, int64_t frame, const std::vector<PointQuery>& points) {

@@ -47,7 +47,7 @@ class PointQueue {
   // they exceed, 'list' the field.
   absl::Status CheckSeeds(absl::string_view list, const std::vector<PointQuery>& points, int64_t frame) const;
   // As CheckSeeds, for the points of objects, which come beside 'points'; INVALID_ARGUMENT where an object's id, or
-  // that of one of its points, is in use.
+  // that of one of its points, is in use or was at this frame.
   absl::Status CheckObjects(absl::string_view list, const std::vector<ObjectQuery>& objects,
                             const std::vector<PointQuery>& points, int64_t frame) const;
   absl::Status CheckRemovals(absl::string_view list, const std::vector<PointId>& ids) const;
@@ -108,6 +108,8 @@ class PointQueue {
   absl::flat_hash_set<PointId> ids_;                // tracked once every change has taken effect
   absl::flat_hash_map<ObjectId, int64_t> objects_;  // how many of ids_ each has
   int64_t strangers_ = 0;                           // how many of ids_ look like an object's and are not
+  absl::flat_hash_set<ObjectId> new_objects_;       // seeded at frame_, though they may have been removed since
+  bool new_strangers_ = false;                      // the same of strangers
 };
 
 }  // namespace holdfast

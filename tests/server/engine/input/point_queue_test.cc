@@ -230,6 +230,24 @@ TEST(PointQueueTest, AnObjectThatIsPlacedAfterItsIdWasFreedTakesNothingFromTheNe
   EXPECT_EQ(queue.size(), 1) << "the second object's third point is removed";
 }
 
+// A point of such an id beside an object that is still to be placed would be placed, or dropped, for one of its own.
+TEST(PointQueueTest, TheIdsOfAnObjectThatWasRemovedAreFreeFromTheNextFrameOn) {
+  const PointId id = ObjectPointId(2, 2);
+  PointQueue queue(kPoints);
+  queue.SeedObject(Three(2));
+  ASSERT_THAT(Remove(queue, {ObjectPointId(2, 0), ObjectPointId(2, 1), id}), IsOk());
+  EXPECT_THAT(Seed(queue, {{id, 1}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("list[0].id")));
+  EXPECT_THAT(queue.CheckObjects("objects", {Three(2)}, {}, 0),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("2 is in use")));
+  EXPECT_THAT(queue.CheckObjects("objects", {Three(2)}, {}, 1), IsOk());
+  queue.StartFrame(1);
+  ASSERT_THAT(Seed(queue, {{id, 1}}), IsOk());
+  queue.PlaceObject(2, 0, Placed(2, 2));
+  ASSERT_THAT(Seed(queue, {{id, 3}}), IsOk());
+  (void)queue.Take(0);
+  EXPECT_THAT(Take(queue, 1), ElementsAre(absl::StrCat("+", id, "@1(3)")));
+}
+
 TEST(PointQueueTest, APointThatWasPlacedAnewIsCountedAndRemovedByItsPlace) {
   PointQueue queue(kPoints);
   queue.SeedObject(Three(2));
@@ -261,8 +279,9 @@ TEST(PointQueueTest, IdsOfObjectsPointsAreTheirsAloneOnceThereAreObjects) {
   EXPECT_THAT(Seed(free, {{id, 1}}), IsOk()) << "without objects any id will do";
   EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {}, 0), StatusIs(absl::StatusCode::kInvalidArgument));
   ASSERT_THAT(Remove(free, {id}), IsOk());
-  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {}, 0), IsOk());
-  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {{id, 1}}, 0), StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {}, 0), StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {}, 1), IsOk()) << "what waits at frame 0 is no object's";
+  EXPECT_THAT(free.CheckObjects("objects", {Three(2)}, {{id, 1}}, 1), StatusIs(absl::StatusCode::kInvalidArgument));
   taken.SeedObject(Three(2));
   EXPECT_THAT(Seed(taken, {{id, 1}}), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("list[0].id")));
   resumed.Resume({ObjectPointId(2, 1), 4}, /*objects=*/true, 10);

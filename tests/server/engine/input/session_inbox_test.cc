@@ -216,6 +216,21 @@ TEST(SessionInboxTest, AfterTheEndEveryCallSaysWhy) {
   EXPECT_THAT(failed.RemovePoints({1}), StatusIs(absl::StatusCode::kDataLoss));
 }
 
+// It is still to be placed on that frame: a second one would get its points, and their removal.
+TEST(SessionInboxTest, AnObjectThatWasRemovedBeforeTheFirstFrameIsNotGivenAnewWithIt) {
+  SessionInbox inbox(Raw());
+  const ObjectQuery object{7, {}, {{0, 0}, {3, 0}, {3, 1}}, 3};
+  ASSERT_THAT(inbox.AddObjects("config.objects", {object}), IsOk());
+  ASSERT_THAT(inbox.RemovePoints({ObjectPointId(7, 0), ObjectPointId(7, 1), ObjectPointId(7, 2)}), IsOk());
+  Frame first = RawFrame(0), second = RawFrame(1);
+  first.objects = second.objects = {object};
+  EXPECT_THAT(ViolatedFields(Push(inbox, first).status()), ElementsAre("frame.objects[0].id"));
+  ASSERT_THAT(Push(inbox, RawFrame(0)), IsOk());
+  EXPECT_THAT(Push(inbox, second), IsOk());
+  EXPECT_THAT(inbox.TakeObjects(0), SizeIs(1));
+  EXPECT_THAT(inbox.TakeObjects(1), SizeIs(1));
+}
+
 TEST(SessionInboxTest, CancellingDropsEverything) {
   SessionInbox inbox(Raw());
   ASSERT_THAT(inbox.AddPoints("p", {{1}}), IsOk());
