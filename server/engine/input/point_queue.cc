@@ -114,23 +114,24 @@ void PointQueue::SeedObject(const ObjectQuery& object) {
 }
 
 void PointQueue::PlaceObject(ObjectId object, int64_t frame, const std::vector<PointQuery>& points) {
-  for (auto waiting = waiting_.begin(); waiting != waiting_.end();) {
-    PointOp& op = waiting->op;
+  absl::flat_hash_set<PointId> later;  // seeded behind, once all places of this object were removed
+  for (auto waiting = waiting_.end(); waiting != waiting_.begin();) {
+    PointOp& op = (--waiting)->op;
     const PointId id = op.query.id;
-    const auto here = waiting++;
-    if (op.kind != PointOp::Kind::kSeed || op.frame != frame || !IsObjectPoint(id) || ObjectOf(id) != object) continue;
+    if (op.frame < frame) break;
+    if (op.kind != PointOp::Kind::kSeed || !IsObjectPoint(id) || ObjectOf(id) != object) continue;
+    if (op.frame > frame) {
+      later.insert(id);
+      continue;
+    }
     const size_t index = id - ObjectPointId(object, 0);
     if (index < points.size()) {
       op.query = points[index];
       continue;
     }
     if (op.frame == frame_) --at_frame_;
-    waiting_.erase(here);
-    const auto seeds_it = [&](const Waiting& later) {
-      return later.op.kind == PointOp::Kind::kSeed && later.op.query.id == id;
-    };
-    // Another object may have got this one's id, once all of its places were removed.
-    if (std::none_of(waiting, waiting_.end(), seeds_it)) Forget(id);
+    waiting = waiting_.erase(waiting);
+    if (!later.contains(id)) Forget(id);
   }
 }
 
