@@ -14,7 +14,7 @@ namespace {
 
 constexpr int64_t kNoNews = std::numeric_limits<int64_t>::max();
 
-// Of the object's size, as it is on the frame: how far points may lie from where the motion leads for agreeing on it,
+// Of the object's size, as it is by the motion: how far points may lie from where that leads for agreeing on it,
 // and how far beyond that one no longer belongs. Objects bend: where the others lie off as well, one may lie further.
 constexpr double kAgree = 0.06;
 constexpr double kAstray = 0.15;
@@ -95,7 +95,7 @@ bool IsNear(const std::vector<Part>& parts, double size, const Similarity& from,
 // Where the points lead; empty: too few see the frame, or agree, to tell.
 std::optional<Similarity> MotionBy(const std::vector<Part>& parts, const Votes& votes, double size,
                                    const Similarity& before) {
-  const double tolerance = std::max(kLeastPixels, kAgree * size * before.scale());
+  const Tolerance tolerance{kAgree * size, kLeastPixels, before.scale()};
   const std::optional<FittedSimilarity> found = FitSimilarity(votes.cast, tolerance, before);
   if (!found) return std::nullopt;
   if (IsSure(found->agree, votes.voters, parts.size())) return found->motion;

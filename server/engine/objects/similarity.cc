@@ -41,13 +41,14 @@ std::optional<Similarity> OfPair(const Displacement& p, const Displacement& q) {
   return motion;
 }
 
-// The least squares' similarity of the displacements that 'motion' explains to 'tolerance'.
-std::optional<FittedSimilarity> Refined(absl::Span<const Displacement> displacements, double tolerance,
+// The least squares' similarity of the displacements that 'motion' explains.
+std::optional<FittedSimilarity> Refined(absl::Span<const Displacement> displacements, const Tolerance& tolerance,
                                         const Similarity& motion) {
+  const double most = tolerance.Of(motion) * tolerance.Of(motion);
   double n = 0, fx = 0, fy = 0, tx = 0, ty = 0;
   std::vector<const Displacement*> inliers;
   for (const Displacement& d : displacements) {
-    if (SquaredResidual(motion, d) > tolerance * tolerance) continue;
+    if (SquaredResidual(motion, d) > most) continue;
     inliers.push_back(&d);
     ++n, fx += d.from.x, fy += d.from.y, tx += d.to.x, ty += d.to.y;
   }
@@ -68,12 +69,11 @@ std::optional<FittedSimilarity> Refined(absl::Span<const Displacement> displacem
   return FittedSimilarity{refined, inliers.size()};
 }
 
-// Squares of what is left over; beyond 'tolerance' it does not matter how far.
-double Cost(absl::Span<const Displacement> displacements, double tolerance, const Similarity& motion) {
+// Squares of what is left over, in tolerances; beyond one it does not matter how far.
+double Cost(absl::Span<const Displacement> displacements, const Tolerance& tolerance, const Similarity& motion) {
+  const double most = tolerance.Of(motion) * tolerance.Of(motion);
   double cost = 0;
-  for (const Displacement& d : displacements) {
-    cost += std::min(SquaredResidual(motion, d), tolerance * tolerance);
-  }
+  for (const Displacement& d : displacements) cost += std::min(SquaredResidual(motion, d) / most, 1.0);
   return cost;
 }
 
@@ -93,7 +93,12 @@ double Similarity::rotation() const { return std::atan2(b, a); }
 
 double Distance(Pixel a, Pixel b) { return std::hypot(double{a.x} - b.x, double{a.y} - b.y); }
 
-std::optional<FittedSimilarity> FitSimilarity(absl::Span<const Displacement> displacements, double tolerance,
+double Tolerance::Of(const Similarity& motion) const {
+  const double scale = motion.scale();
+  return std::max(share * std::min(scale, std::max(before, 1.0)), least * std::min(scale / before, 1.0));
+}
+
+std::optional<FittedSimilarity> FitSimilarity(absl::Span<const Displacement> displacements, const Tolerance& tolerance,
                                               const Similarity& guess) {
   Similarity best = guess;
   double least = Cost(displacements, tolerance, guess);

@@ -246,6 +246,26 @@ TEST(ObjectGroupTest, VotesThatHaveNothingInCommonHardlyEverMoveIt) {
   }
 }
 
+// Half of the points are seen, all around one place, to which a similarity that makes a dot of the object leads them.
+TEST(ObjectGroupTest, PointsThatGatherInOnePlaceDoNotShrinkIt) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> x(140, 260), y(130, 250);
+  for (const float spread : {3.0f, 5.0f, 7.0f}) {
+    std::normal_distribution<float> off(0, spread);
+    for (int i = 0; i < 100; ++i) {
+      const Pixel place{x(random), y(random)};
+      const auto samples = FinalOfLargeSquare(
+          24,
+          [&](uint32_t point, Pixel home, int64_t t) -> Seen {
+            if (t == 0) return {home};
+            return {{place.x + off(random), place.y + off(random)}, point % 2 == 0};
+          },
+          2);
+      ASSERT_GT(samples[1].scale, 0.5) << i << " of a spread of " << spread;
+    }
+  }
+}
+
 // It goes to the right by 8 pixels a frame; of the points that are outside every fifth is said to be visible, somewhere
 // at the frame's border.
 TEST(ObjectGroupTest, AnObjectThatLeavesTheFrameDoesNotJump) {

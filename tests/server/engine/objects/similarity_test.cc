@@ -17,6 +17,8 @@ Similarity Of(double scale, double rotation, double tx, double ty) {
   return {scale * std::cos(rotation), scale * std::sin(rotation), tx, ty};
 }
 
+Tolerance Pixels(double pixels) { return {0, pixels, 1}; }
+
 // 'count' places on a grid of ten columns, ten pixels apart, moved by 'motion'.
 std::vector<Displacement> Moved(int count, const Similarity& motion) {
   std::vector<Displacement> moved;
@@ -45,7 +47,7 @@ TEST(SimilarityTest, TurnsScalesAndShifts) {
 
 TEST(FitSimilarityTest, FindsTheMotionThatAllFollow) {
   const Similarity motion = Of(1.3, 0.4, 25, 7);
-  const auto found = FitSimilarity(Moved(12, motion), 1, Similarity());
+  const auto found = FitSimilarity(Moved(12, motion), Pixels(1), Similarity());
   ASSERT_TRUE(found);
   EXPECT_EQ(found->agree, 12u);
   EXPECT_NEAR(found->motion.scale(), 1.3, 1e-5);
@@ -59,7 +61,7 @@ TEST(FitSimilarityTest, FollowsTheLargestGroupThatAgrees) {
   std::uniform_real_distribution<float> anywhere(-200, 200);
   std::vector<Displacement> moved = Moved(40, Of(0.8, -0.3, 4, 9));
   for (size_t i = 0; i < 24; ++i) moved[i * 5 % 40 + i / 8 % 2].to = {anywhere(random), anywhere(random)};
-  const auto found = FitSimilarity(moved, 1.5, Similarity());
+  const auto found = FitSimilarity(moved, Pixels(1.5), Similarity());
   ASSERT_TRUE(found);
   EXPECT_EQ(found->agree, 24u);
   EXPECT_NEAR(found->motion.scale(), 0.8, 1e-3);
@@ -67,19 +69,19 @@ TEST(FitSimilarityTest, FollowsTheLargestGroupThatAgrees) {
 }
 
 TEST(FitSimilarityTest, SaysNothingWhereTooFewAgree) {
-  EXPECT_FALSE(FitSimilarity({}, 1, Similarity()));
-  EXPECT_FALSE(FitSimilarity(Moved(2, Similarity()), 1, Similarity()));
+  EXPECT_FALSE(FitSimilarity({}, Pixels(1), Similarity()));
+  EXPECT_FALSE(FitSimilarity(Moved(2, Similarity()), Pixels(1), Similarity()));
   // Twelve that agree with nobody, and two that do.
   std::vector<Displacement> scattered = Moved(14, Of(1, 0, 3, 3));
   for (size_t i = 0; i < 12; ++i) {
     scattered[i].to = {static_cast<float>(i * i * 31 % 211), static_cast<float>(i * i * i * 17 % 193)};
   }
-  EXPECT_FALSE(FitSimilarity(scattered, 0.5, Similarity()));
+  EXPECT_FALSE(FitSimilarity(scattered, Pixels(0.5), Similarity()));
 }
 
 TEST(FitSimilarityTest, PointsInOnePlaceTellNoTurn) {
   const std::vector<Displacement> same(8, Displacement{{5, 5}, {9, 9}});
-  EXPECT_FALSE(FitSimilarity(same, 1, Similarity()));
+  EXPECT_FALSE(FitSimilarity(same, Pixels(1), Similarity()));
 }
 
 // 256 displacements are 32640 pairs, of which 512 are looked at.
@@ -88,7 +90,7 @@ TEST(FitSimilarityTest, AnEvenChoiceOfPairsIsEnoughForManyPoints) {
   std::vector<Displacement> moved = Moved(256, motion);
   for (size_t i = 0; i < moved.size(); i += 2) moved[i].to = moved[i].from;  // half stay behind
   moved[0].to = motion.Map(moved[0].from);
-  const auto found = FitSimilarity(moved, 1, Similarity());
+  const auto found = FitSimilarity(moved, Pixels(1), Similarity());
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->motion.tx, 300, 1e-2);
 }
