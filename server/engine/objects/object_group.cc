@@ -21,6 +21,7 @@ constexpr double kAstray = 0.15;
 constexpr double kTimesTypical = 4;  // the median distance of the others
 constexpr double kLeastPixels = 2;
 constexpr double kLeastFirst = 0.3;  // of all points: first ones that tell the motion without those that came later
+constexpr double kLeastBack = 0.3;   // of all points: that bring back those that have left when the others tell nothing
 // Two points that see something else make a similarity too, and a third may agree by chance. Sure is what so many agree
 // on that this hardly happens; what fewer do is believed where it is a small step from the motion before.
 constexpr size_t kLeastSure = 5;           // points; of an object of fewer than six, all but one
@@ -57,13 +58,13 @@ struct Part {
 
 struct Votes {
   std::vector<Displacement> cast;  // by those that are visible
-  size_t voters = 0;               // all that have not left
+  size_t voters = 0;               // they and those that are not
 };
 
-Votes VotesOf(const std::vector<Part>& parts, bool first_ones) {
+Votes VotesOf(const std::vector<Part>& parts, bool first_ones, bool left_ones = false) {
   Votes votes;
   for (const Part& part : parts) {
-    if (part.standing.left || (first_ones && IsPlacedAnew(part.member.id))) continue;
+    if ((part.standing.left && !left_ones) || (first_ones && IsPlacedAnew(part.member.id))) continue;
     ++votes.voters;
     if (part.sample.visible) votes.cast.push_back({part.member.home, part.sample.at});
   }
@@ -104,15 +105,37 @@ std::optional<Similarity> MotionBy(const std::vector<Part>& parts, const Votes& 
   return std::nullopt;
 }
 
+// How far a visible point may lie from where 'motion' leads and still belong.
+double Allowed(const Votes& votes, double size, const Similarity& motion) {
+  return std::max({kLeastPixels, kAstray * size * motion.scale(), kTimesTypical * Typical(votes.cast, motion)});
+}
+
+// Those that have not left may have gone with something else, and be out of sight with it. Where enough of all that are
+// seen agree, those of them that have left are on their way back; the object stays until they are, and have a word.
+void WeighLeft(const std::vector<Part>& parts, double size, const Similarity& before) {
+  const Votes votes = VotesOf(parts, /*first_ones=*/false, /*left_ones=*/true);
+  const Tolerance tolerance{kAgree * size, kLeastPixels, before.scale()};
+  const std::optional<FittedSimilarity> found = FitSimilarity(votes.cast, tolerance, before);
+  const bool enough = found && static_cast<double>(found->agree) >= kLeastBack * static_cast<double>(parts.size());
+  if (!enough || !IsSure(found->agree, votes.voters, parts.size())) return;
+  const double allowed = Allowed(votes, size, found->motion);
+  for (const Part& part : parts) {
+    if (!part.sample.visible || !part.standing.left) continue;
+    Weigh(part.standing, Distance(found->motion.Map(part.member.home), part.sample.at) > allowed);
+  }
+}
+
 // Moves on to where the points lead that have not left, and weighs where each of them stands. False: they do not tell,
-// and everything stays.
+// and the object stays.
 bool Follow(const std::vector<Part>& parts, double size, Similarity& motion) {
   const Votes votes = VotesOf(parts);
   const std::optional<Similarity> found = MotionBy(parts, votes, size, motion);
-  if (!found) return false;
+  if (!found) {
+    WeighLeft(parts, size, motion);
+    return false;
+  }
   motion = *found;
-  const double allowed =
-      std::max({kLeastPixels, kAstray * size * motion.scale(), kTimesTypical * Typical(votes.cast, motion)});
+  const double allowed = Allowed(votes, size, motion);
   for (const Part& part : parts) {
     if (!part.sample.visible) continue;
     Weigh(part.standing, Distance(motion.Map(part.member.home), part.sample.at) > allowed);

@@ -181,28 +181,35 @@ Pixel HomeOf(uint32_t i, uint32_t count) {
   return {145 + apart * static_cast<float>(i % columns), 135 + apart * static_cast<float>(i / columns)};
 }
 
-std::vector<ObjectSample> FinalOfLargeSquare(uint32_t count, const World& world, int64_t frames) {
+// Told in one go, or 'piece' frames at a time by groups each of which goes on where the one before was.
+std::vector<ObjectSample> FinalOfLargeSquare(uint32_t count, const World& world, int64_t frames, int64_t piece = 1000) {
   std::vector<PointQuery> points;
   for (uint32_t i = 0; i < count; ++i) {
     const Pixel home = HomeOf(i, count);
     points.push_back({ObjectPointId(kId, i), home.x, home.y});
   }
+  std::vector<ObjectSample> samples;
   ObjectGroup group(kId, kQuery, LargeSquare(), points);
-  for (const PointQuery& point : points) {
-    PointRun run;
-    run.id = point.id;
-    run.first_frame = kQuery;
-    run.final_count = frames;
-    for (int64_t t = 0; t < frames; ++t) {
-      const Seen seen = world(ObjectPointIndex(point.id), {point.x, point.y}, t);
-      run.x.push_back(seen.at.x);
-      run.y.push_back(seen.at.y);
-      run.visible.push_back(seen.visible ? 1 : 0);
-      run.confidence.push_back(1);
+  for (int64_t begin = 0; begin < frames; begin += piece) {
+    for (const PointQuery& point : points) {
+      PointRun run;
+      run.id = point.id;
+      run.first_frame = kQuery + begin;
+      run.final_count = std::min(piece, frames - begin);
+      for (int64_t t = begin; t < begin + run.final_count; ++t) {
+        const Seen seen = world(ObjectPointIndex(point.id), {point.x, point.y}, t);
+        run.x.push_back(seen.at.x);
+        run.y.push_back(seen.at.y);
+        run.visible.push_back(seen.visible ? 1 : 0);
+        run.confidence.push_back(1);
+      }
+      group.Add(run);
     }
-    group.Add(run);
+    const std::vector<ObjectSample> next = group.TakeRun(/*provisional=*/false).value_or(ObjectRun()).samples;
+    samples.insert(samples.end(), next.begin(), next.end());
+    group = ObjectGroup(group.StateBefore(kQuery + std::min(begin + piece, frames)));
   }
-  return group.TakeRun(/*provisional=*/false).value_or(ObjectRun()).samples;
+  return samples;
 }
 
 // The furthest that any corner goes from one frame to the next.
@@ -356,6 +363,38 @@ std::vector<ObjectSample> InPieces(const World& world, int64_t frames, int64_t p
     group = ObjectGroup(group.StateBefore(1000));  // as a session that goes on elsewhere
   }
   return finals;
+}
+
+// Most of its points go with something else, which leaves after 40 frames, and take the object with them.
+TEST(ObjectGroupTest, ComesBackToThoseThatStayedOnceTheOthersAreGone) {
+  const World carried = [](uint32_t i, Pixel home, int64_t t) -> Seen {
+    const bool goes = i % 2 == 0 || i == 1;
+    return {{home.x + (goes ? 10 * static_cast<float>(t) : 0), home.y}, !goes || t < 40};
+  };
+  const auto samples = FinalOfLargeSquare(24, carried, 60);
+  ASSERT_THAT(samples, SizeIs(60));
+  EXPECT_THAT(samples[39].left, SizeIs(11));
+  EXPECT_THAT(samples[42].left, SizeIs(11)) << "six frames in a row";
+  EXPECT_NEAR(samples[47].centre.x, 200, 1e-3);
+  EXPECT_THAT(samples[59].left, IsEmpty());
+  for (const int64_t piece : {1, 43}) {
+    const auto resumed = FinalOfLargeSquare(24, carried, 60, piece);
+    EXPECT_TRUE(std::equal(samples.begin(), samples.end(), resumed.begin(), resumed.end(), Same)) << piece;
+  }
+}
+
+// A quarter of its points let go for what covers it: while that hides all the others the object stays where it was.
+TEST(ObjectGroupTest, AHiddenObjectDoesNotGoWithTheFewThatHaveLeft) {
+  const auto samples = FinalOfLargeSquare(
+      48,
+      [](uint32_t i, Pixel home, int64_t t) -> Seen {
+        const bool goes = i % 4 == 0;
+        return {{home.x + (goes ? 10 * static_cast<float>(t) : 0), home.y}, goes || t < 20};
+      },
+      60);
+  ASSERT_THAT(samples, SizeIs(60));
+  EXPECT_NEAR(samples[59].centre.x, 200, 1e-3);
+  EXPECT_THAT(samples[59].left, SizeIs(12));
 }
 
 TEST(ObjectGroupTest, FinalSamplesDoNotDependOnHowTheEstimatesCame) {
