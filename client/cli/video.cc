@@ -282,8 +282,11 @@ absl::StatusOr<ObjectQuery> FrameEncoder::ToSent(const ObjectQuery& object) cons
   const auto encoded = WithoutException("PNG", [&] {
     cv::Mat mask =
         cv::imdecode(std::vector<uint8_t>(object.mask_png.begin(), object.mask_png.end()), cv::IMREAD_GRAYSCALE);
-    // By pixel centres, as the pictures; INTER_NEAREST takes corners for them.
-    cv::resize(mask, mask, {sent_.width, sent_.height}, 0, 0, cv::INTER_NEAREST_EXACT);
+    // Whatever has a covered pixel under it is covered, so that nothing is too thin to be sent. Bytes would round a
+    // small share of a pixel to none.
+    mask.convertTo(mask, CV_32F);
+    cv::resize(mask, mask, {sent_.width, sent_.height}, 0, 0, cv::INTER_AREA);
+    mask = mask > 0;
     cv::imencode(".png", mask, png);
     return mask;
   });

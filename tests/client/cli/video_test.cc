@@ -405,6 +405,22 @@ cv::Mat Decoded(const std::string& bytes) {
   return cv::imdecode(std::vector<char>(bytes.begin(), bytes.end()), cv::IMREAD_GRAYSCALE);
 }
 
+TEST(FrameEncoderTest, NoPartOfAMaskIsTooThinToBeSent) {
+  const FrameEncoder encoder({3840, 160}, 96, 90);  // a fortieth
+  cv::Mat mask(160, 3840, CV_8UC1, cv::Scalar(0));
+  mask(cv::Rect(410, 0, 1, 160)).setTo(1);
+  mask.at<uint8_t>(85, 3003) = 1;
+  std::vector<uint8_t> png;
+  cv::imencode(".png", mask, png);
+  const auto sent = encoder.ToSent(ObjectQuery{1, std::string(png.begin(), png.end())});
+  ASSERT_THAT(sent, IsOk());
+  const cv::Mat small = Decoded(sent->mask_png);
+  ASSERT_EQ(small.size(), cv::Size(96, 4));
+  EXPECT_EQ(cv::countNonZero(small), 4 + 1);
+  EXPECT_EQ(cv::countNonZero(small.col(10)), 4);
+  EXPECT_GT(small.at<uint8_t>(2, 75), 0);
+}
+
 TEST(FrameEncoderTest, WhatAPictureAndAMaskShowIsSentWherePointsOnItAre) {
   const FrameEncoder encoder({160, 80}, 32, 100);  // a fifth
   cv::Mat picture = Flat(160, 80, 0);
