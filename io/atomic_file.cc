@@ -98,10 +98,11 @@ void TrySyncDirectory(const std::string& path) {
   if (fd.valid()) ::fsync(fd.get());
 }
 
-absl::Status CopyInto(const std::string& path, const std::string& from) {
+// 'flags' are further ones to open 'path' with.
+absl::Status CopyInto(const std::string& path, int flags, const std::string& from) {
   const Descriptor source(::open(from.c_str(), O_RDONLY | O_CLOEXEC));
   if (!source.valid()) return SystemError("open", from);
-  Descriptor target(::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC));
+  Descriptor target(::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC | flags));
   if (!target.valid()) return SystemError("open", path);
   std::array<char, 1 << 16> bytes;
   for (ssize_t count; (count = ::read(source.get(), bytes.data(), bytes.size())) != 0;) {
@@ -110,6 +111,21 @@ absl::Status CopyInto(const std::string& path, const std::string& from) {
   }
   return target.Close() ? absl::OkStatus() : SystemError("close", path);
 }
+
+// File systems that know no modes have none to keep.
+void TryKeepMode(const std::string& path, const std::string& temporary) {
+  struct stat old;
+  if (::stat(path.c_str(), &old) == 0 && S_ISREG(old.st_mode)) ::chmod(temporary.c_str(), old.st_mode & 0777);
+}
+
+// Somebody else's file where only owners may rename, or one that is mounted by itself, as into a container: it may be
+// writable all the same.
+bool IsBoundToItsName(int rename_error) {
+  return rename_error == EPERM || rename_error == EACCES || rename_error == EBUSY || rename_error == EXDEV;
+}
+
+// With the rights that the process has now, as open() does.
+bool IsWritable(const std::string& path) { return ::faccessat(AT_FDCWD, path.c_str(), W_OK, AT_EACCESS) == 0; }
 
 // Of the temporary file. Where 'path' is no file its directory may take none, as /dev.
 std::string WorkingDirectory(bool is_file, const std::string& path) {
@@ -125,16 +141,30 @@ PendingFile::PendingFile(const std::string& path)
       temporary_(TemporaryName(WorkingDirectory(is_file_, path_), path)) {}
 
 PendingFile::~PendingFile() {
-  if (!committed_) ::unlink(temporary_.c_str());
+  if (!kept_) ::unlink(temporary_.c_str());
 }
 
 absl::Status PendingFile::Commit() {
-  if (!is_file_) return CopyInto(path_, temporary_);
+  if (!is_file_) return CopyInto(path_, 0, temporary_);
   if (absl::Status synced = Sync(temporary_); !synced.ok()) return synced;
-  if (::rename(temporary_.c_str(), path_.c_str()) != 0) return SystemError("write", path_);
-  committed_ = true;
+  TryKeepMode(path_, temporary_);
+  if (::rename(temporary_.c_str(), path_.c_str()) != 0) {
+    const int error = errno;
+    const absl::Status failed = SystemError("write", path_);
+    std::error_code ignored;
+    return IsBoundToItsName(error) && fs::is_regular_file(path_, ignored) ? WriteInPlace() : failed;
+  }
+  kept_ = true;
   TrySyncDirectory(DirectoryOf(path_));
   return absl::OkStatus();
+}
+
+absl::Status PendingFile::WriteInPlace() {
+  absl::Status written = CopyInto(path_, O_TRUNC | O_NOFOLLOW, temporary_);
+  if (written.ok()) written = Sync(path_);
+  if (written.ok()) return written;
+  kept_ = true;
+  return absl::Status(written.code(), absl::StrCat(written.message(), "; the whole is in '", temporary_, "'"));
 }
 
 absl::Status WriteAtomically(const std::string& path, const std::function<absl::Status(const std::string&)>& write) {
@@ -158,7 +188,8 @@ void RemoveTemporaryFiles(const std::string& directory) {
 absl::Status CheckWritable(const std::string& path) {
   std::error_code ignored;
   if (fs::is_directory(path, ignored)) return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory"));
-  if (!IsFile(path)) return ::access(path.c_str(), W_OK) == 0 ? absl::OkStatus() : SystemError("write", path);
+  if (fs::exists(path, ignored) && !IsWritable(path)) return SystemError("write", path);
+  if (!IsFile(path)) return absl::OkStatus();
   if (const std::string directory = DirectoryOf(Followed(path)); !fs::is_directory(directory, ignored)) {
     return absl::NotFoundError(absl::StrCat(path, ": there is no directory ", directory));
   }

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -57,6 +58,61 @@ TEST(RemoveTemporaryFilesTest, RemovesWhatAKilledProcessLeftAndNothingElse) {
   EXPECT_FALSE(fs::exists(without_suffix.temporary()));
   EXPECT_EQ(dir.Count(), 4u);
   RemoveTemporaryFiles(dir.File("no such directory"));
+}
+
+// Gives up root's rights as long as it lives.
+class ScopedNobody {
+ public:
+  ScopedNobody() { EXPECT_EQ(::seteuid(65534), 0); }
+  ~ScopedNobody() { EXPECT_EQ(::seteuid(0), 0); }
+};
+
+// A directory of root's that all may write to.
+class ForeignFileTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (::geteuid() != 0) GTEST_SKIP() << "only root can make files that are somebody else's";
+  }
+  void MakeFile(const std::string& name, mode_t mode) {
+    std::ofstream(dir_.File(name)) << "the longer old one";
+    ASSERT_EQ(::chmod(dir_.File(name).c_str(), mode), 0);
+  }
+  void AllowRenaming(bool others) { ASSERT_EQ(::chmod(dir_.path().c_str(), others ? 0777 : 01777), 0); }
+
+  const TempDir dir_;
+};
+
+TEST_F(ForeignFileTest, AFileThatCannotBeReplacedIsWrittenInPlace) {
+  AllowRenaming(false);
+  MakeFile("result.txt", 0666);
+  const ScopedNobody nobody;
+  ASSERT_THAT(CheckWritable(dir_.File("result.txt")), IsOk());
+  ASSERT_THAT(WriteFileAtomically(dir_.File("result.txt"), "new"), IsOk());
+  EXPECT_EQ(Content(std::ifstream(dir_.File("result.txt"))), "new");
+  EXPECT_EQ(dir_.Count(), 1u);
+}
+
+TEST_F(ForeignFileTest, WhatCannotBeWrittenAtAllIsKeptAndNamed) {
+  AllowRenaming(false);
+  MakeFile("result.txt", 0644);
+  const ScopedNobody nobody;
+  std::string kept;
+  const absl::Status failed = WriteAtomically(dir_.File("result.txt"), [&](const std::string& temporary) {
+    kept = temporary;
+    return Text("new")(temporary);
+  });
+  EXPECT_THAT(failed, StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr(kept)));
+  EXPECT_EQ(Content(std::ifstream(kept)), "new");
+  EXPECT_EQ(Content(std::ifstream(dir_.File("result.txt"))), "the longer old one");
+}
+
+TEST_F(ForeignFileTest, AFileThatMayNotBeWrittenToIsRefusedBeforehand) {
+  AllowRenaming(true);
+  MakeFile("result.txt", 0644);
+  const ScopedNobody nobody;
+  EXPECT_THAT(CheckWritable(dir_.File("result.txt")),
+              StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("result.txt")));
+  EXPECT_EQ(dir_.Count(), 1u);
 }
 
 TEST(WriteAtomicallyTest, TheFileHasItsNameOnlyWhenItIsWhole) {
@@ -124,6 +180,16 @@ TEST(WriteAtomicallyTest, TheUmaskDecidesWhoMayReadTheFile) {
   const ScopedUmask umask(027);
   ASSERT_THAT(WriteAtomically(dir.File("result.txt"), Text("new")), IsOk());
   EXPECT_EQ(fs::status(dir.File("result.txt")).permissions(), static_cast<fs::perms>(0640));
+}
+
+TEST(WriteAtomicallyTest, AFileThatIsReplacedHandsOnItsMode) {
+  const TempDir dir;
+  for (const mode_t mode : {0600, 0664}) {
+    std::ofstream(dir.File("result.txt")) << "old";
+    ASSERT_EQ(::chmod(dir.File("result.txt").c_str(), mode), 0);
+    ASSERT_THAT(WriteFileAtomically(dir.File("result.txt"), "new"), IsOk());
+    EXPECT_EQ(fs::status(dir.File("result.txt")).permissions(), static_cast<fs::perms>(mode));
+  }
 }
 
 TEST(WriteAtomicallyTest, FilesOfADirectoryAreWrittenAtTheSameTime) {
