@@ -8,6 +8,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "io/quoted.h"
 
 namespace holdfast {
 namespace {
@@ -71,7 +72,7 @@ absl::Status ParseType(const std::string& type, NpyHeader& header) {
   const bool fits = known && ((type[1] == 'b' && bytes == 1) || (type[1] == 'f' && bytes >= 2) ||
                               ((type[1] == 'i' || type[1] == 'u') && sized));
   if (!fits || (type[1] == 'f' && !sized)) {
-    return absl::UnimplementedError(absl::StrCat("arrays of type '", type.substr(0, 32), "' are not read"));
+    return absl::UnimplementedError(absl::StrCat("arrays of type ", Quoted(type), " are not read"));
   }
   header.kind = type[1];
   header.item_bytes = bytes;
@@ -96,6 +97,7 @@ absl::Status ParseShape(HeaderText& text, NpyHeader& header) {
 
 absl::Status ParseKey(const std::string& key, HeaderText& text, NpyHeader& header) {
   if (key == "descr") {
+    if (text.Take('[') || text.Take('(')) return absl::UnimplementedError("arrays of structures are not read");
     absl::StatusOr<std::string> type = text.TakeQuoted();
     if (!type.ok()) return type.status();
     return ParseType(*type, header);

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "io/quoted.h"
 
 namespace holdfast {
 namespace {
@@ -154,15 +155,15 @@ absl::StatusOr<NpzFile> NpzFile::Open(const std::string& path) {
         (stat.valid & (ZIP_STAT_NAME | ZIP_STAT_SIZE)) != (ZIP_STAT_NAME | ZIP_STAT_SIZE)) {
       return absl::DataLossError(absl::StrCat(path, " has an unreadable entry"));
     }
+    absl::string_view name = stat.name;
+    if (!absl::ConsumeSuffix(&name, ".npy")) continue;
     const ArchiveEntry file(zip_fopen_index(archive->get(), static_cast<zip_uint64_t>(i), 0));
     if (file == nullptr) return absl::DataLossError(absl::StrCat(path, " has an unreadable entry"));
-    Entry entry{std::string(absl::StripSuffix(stat.name, ".npy")), {}, 0};
-    absl::StatusOr<NpyHeader> header = ReadHeader(file.get(), stat.size, &entry.header_bytes);
-    // An array of a kind that is not read is no fault as long as nobody asks for it.
-    if (absl::IsUnimplemented(header.status())) continue;
-    if (!header.ok())
-      return absl::DataLossError(absl::StrCat(path, ": '", entry.name, "' is ", header.status().message()));
-    entry.header = *std::move(header);
+    Entry entry{std::string(name), NpyHeader(), 0};
+    entry.header = ReadHeader(file.get(), stat.size, &entry.header_bytes);
+    if (absl::IsDataLoss(entry.header.status())) {
+      return absl::DataLossError(absl::StrCat(path, ": ", Quoted(name), " is ", entry.header.status().message()));
+    }
     npz.entries_.push_back(std::move(entry));
   }
   return npz;
@@ -175,31 +176,32 @@ const NpzFile::Entry* NpzFile::Find(absl::string_view name) const {
   return nullptr;
 }
 
-bool NpzFile::Has(absl::string_view name) const { return Find(name) != nullptr; }
+bool NpzFile::Has(absl::string_view name) const { return Header(name).ok(); }
 
 absl::StatusOr<NpyHeader> NpzFile::Header(absl::string_view name) const {
   const Entry* entry = Find(name);
-  if (entry == nullptr) return absl::NotFoundError(absl::StrCat(path_, " has no readable array '", name, "'"));
-  return entry->header;
+  if (entry == nullptr) return absl::NotFoundError(absl::StrCat(path_, " has no array ", Quoted(name)));
+  if (entry->header.ok()) return entry->header;
+  const absl::Status& status = entry->header.status();
+  return absl::Status(status.code(), absl::StrCat(path_, ": ", Quoted(name), ": ", status.message()));
 }
 
 absl::StatusOr<NpyRows> NpzFile::ReadRows(absl::string_view name, const std::vector<int64_t>& rows) const {
   const auto failed = [&](const absl::Status& status) {
-    return absl::Status(status.code(), absl::StrCat(path_, ": '", name, "' ", status.message()));
+    return absl::Status(status.code(), absl::StrCat(path_, ": ", Quoted(name), " ", status.message()));
   };
-  const Entry* entry = Find(name);
-  if (entry == nullptr) return absl::NotFoundError(absl::StrCat(path_, " has no readable array '", name, "'"));
-  const NpyHeader& header = entry->header;
-  const int64_t row_values = header.shape.empty() || header.shape[0] == 0 ? 0 : header.values() / header.shape[0];
-  if (absl::Status status = CheckRows(rows, header, row_values); !status.ok()) return failed(status);
+  const absl::StatusOr<NpyHeader> header = Header(name);
+  if (!header.ok()) return header.status();
+  const int64_t row_values = header->shape.empty() || header->shape[0] == 0 ? 0 : header->values() / header->shape[0];
+  if (absl::Status status = CheckRows(rows, *header, row_values); !status.ok()) return failed(status);
   absl::StatusOr<Archive> archive = OpenArchive(path_);
   if (!archive.ok()) return archive.status();
-  ArchiveEntry file(zip_fopen(archive->get(), absl::StrCat(name, ".npy").c_str(), 0));
-  if (file == nullptr) file.reset(zip_fopen(archive->get(), std::string(name).c_str(), 0));
+  const ArchiveEntry file(zip_fopen(archive->get(), absl::StrCat(name, ".npy").c_str(), 0));
   if (file == nullptr) return failed(DamagedArray("it cannot be opened"));
-  NpyRows result{header.shape, {}};
+  NpyRows result{header->shape, {}};
   result.values.reserve(static_cast<size_t>(std::min(static_cast<int64_t>(rows.size()) * row_values, kPieceValues)));
-  const absl::Status status = StreamRows(file.get(), header, entry->header_bytes, rows, row_values, result.values);
+  const size_t header_bytes = Find(name)->header_bytes;
+  const absl::Status status = StreamRows(file.get(), *header, header_bytes, rows, row_values, result.values);
   if (!status.ok()) return failed(status);
   return result;
 }

@@ -20,11 +20,12 @@ struct NpyRows {
 // An .npz file. Holds no handle between calls; thread-safe.
 class NpzFile {
  public:
-  // Reads the headers. NOT_FOUND, or DATA_LOSS with the path.
+  // Reads the headers; members that are no .npy are passed over. NOT_FOUND, or DATA_LOSS with the path.
   static absl::StatusOr<NpzFile> Open(const std::string& path);
 
+  // Whether there is such an array and of a kind that is read.
   bool Has(absl::string_view name) const;
-  // NOT_FOUND names the array.
+  // NOT_FOUND and UNIMPLEMENTED, for arrays of other kinds, name the array.
   absl::StatusOr<NpyHeader> Header(absl::string_view name) const;
   // Rows (indices along the first axis, strictly increasing) of an array, which is unpacked as a stream: memory is
   // taken for the rows alone.
@@ -33,7 +34,7 @@ class NpzFile {
  private:
   struct Entry {
     std::string name;
-    NpyHeader header;
+    absl::StatusOr<NpyHeader> header;  // UNIMPLEMENTED is no fault as long as nobody asks for the array
     size_t header_bytes;
   };
   explicit NpzFile(std::string path) : path_(std::move(path)) {}

@@ -62,6 +62,7 @@ TEST(NpyHeaderTest, RefusesTypesAndOrdersItCannotRead) {
                            "{'descr': '|O', 'fortran_order': False, 'shape': (1,), }",
                            "{'descr': '<f1', 'fortran_order': False, 'shape': (1,), }",
                            "{'descr': '<U9', 'fortran_order': False, 'shape': (1,), }",
+                           "{'descr': [('x', '<f4'), ('y', '<i4')], 'fortran_order': False, 'shape': (1,), }",
                            "{'descr': '<f4', 'fortran_order': True, 'shape': (1,), }"}) {
     EXPECT_THAT(Parse(text), StatusIs(absl::StatusCode::kUnimplemented)) << text;
   }
@@ -131,12 +132,34 @@ TEST_F(NpzTest, ReadsALongRowToItsEnd) {
 }
 
 TEST_F(NpzTest, ArraysOfOtherKindsDoNotHinderTheReadableOnes) {
-  const std::string path =
-      Write({{"name", NpyBytes<int32_t>("<U1", {1}, {65})}, {"a", NpyBytes<float>("<f4", {1}, {4})}});
+  const std::string structure = "{'descr': [('x', '<f4'), ('y', '<f4')], 'fortran_order': False, 'shape': (1,), }";
+  const std::string path = Write({{"name", NpyBytes<int32_t>("<U1", {1}, {65})},
+                                  {"pairs", NpyHeaderBytes(structure) + std::string(8, '\0')},
+                                  {"a", NpyBytes<float>("<f4", {1}, {4})}});
   const absl::StatusOr<NpzFile> npz = NpzFile::Open(path);
   ASSERT_THAT(npz, IsOk());
   EXPECT_THAT(npz->ReadRows("a", {0})->values, ElementsAre(4));
-  EXPECT_THAT(npz->ReadRows("name", {0}), StatusIs(absl::StatusCode::kNotFound, HasSubstr("name")));
+  for (const char* name : {"name", "pairs"}) {
+    EXPECT_FALSE(npz->Has(name));
+    EXPECT_THAT(npz->ReadRows(name, {0}), StatusIs(absl::StatusCode::kUnimplemented, HasSubstr(name)));
+  }
+}
+
+TEST_F(NpzTest, MembersThatAreNoArraysArePassedOver) {
+  std::string bytes = ReadBytes(Write({{"notes", "no array"}, {"a", NpyBytes<float>("<f4", {1}, {4})}}));
+  for (size_t at; (at = bytes.find("notes.npy")) != std::string::npos;) bytes.replace(at, 9, "notes.txt");
+  std::ofstream(directory_.File("a.npz"), std::ios::binary) << bytes;
+  const absl::StatusOr<NpzFile> npz = NpzFile::Open(directory_.File("a.npz"));
+  ASSERT_THAT(npz, IsOk());
+  EXPECT_THAT(npz->ReadRows("a", {0})->values, ElementsAre(4));
+  for (const char* name : {"notes", "notes.txt"}) {
+    EXPECT_THAT(npz->ReadRows(name, {0}), StatusIs(absl::StatusCode::kNotFound, HasSubstr(name)));
+  }
+}
+
+TEST_F(NpzTest, MessagesShowNamesEscaped) {
+  EXPECT_THAT(NpzFile::Open(Write({{"a\nb", "no array"}})),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("'a\\nb'")));
 }
 
 TEST_F(NpzTest, RowsThatAreNotThereAreErrors) {
