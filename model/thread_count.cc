@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
-#include <iterator>
 #include <sstream>
 #include <string>
 #include <thread>
@@ -22,9 +21,11 @@ namespace fs = std::filesystem;
 
 constexpr double kUnlimited = 1 << 20;  // more processors than there are
 
+// Nothing of what cannot be read, as a directory, of which an iterator of the stream's buffer would throw.
 std::string ContentOf(const fs::path& file) {
-  std::ifstream in(file);
-  return {std::istreambuf_iterator<char>(in), {}};
+  std::ostringstream content;
+  content << std::ifstream(file).rdbuf();
+  return content.str();
 }
 
 // Processor time in a period, both in microseconds. Not numbers, as in "max", or below 1: no quota.

@@ -90,6 +90,12 @@ TEST_F(ThreadCountTest, WhatMakesNoSenseLimitsNothing) {
   }
 }
 
+TEST_F(ThreadCountTest, WhatCannotBeReadLimitsNothing) {
+  WriteMembership("0::/\n");
+  Write("sys/fs/cgroup/cpu.max/file", "a directory is in its place");
+  EXPECT_EQ(Permitted(), all_);
+}
+
 TEST_F(ThreadCountTest, WhoAsksForThreadsGetsThem) {
   EXPECT_EQ(ThreadCount(7), 7);
   EXPECT_EQ(ThreadCount(0), PermittedThreads());
