@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "io/bounded_json.h"
+#include "io/quoted.h"
 
 namespace holdfast {
 namespace {
@@ -116,7 +117,7 @@ absl::Status ReadField(const std::string& key, const nlohmann::json& value, Mode
     options.*field.member = *integer;
     return absl::OkStatus();
   }
-  return absl::InvalidArgumentError(absl::StrCat("unknown key '", key, "'"));
+  return absl::InvalidArgumentError(absl::StrCat("unknown key ", Quoted(key)));
 }
 
 std::vector<std::string> AllKeys() {

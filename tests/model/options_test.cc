@@ -98,6 +98,7 @@ TEST(ModelOptionsTest, OtherKeysRepeatedKeysAndOtherTextsAreRefused) {
   nlohmann::json json = PaperJson();
   json["colour"] = 1;
   EXPECT_THAT(ModelOptionsFromJson(json.dump()), StatusIs(kInvalid, HasSubstr("unknown key 'colour'")));
+  EXPECT_THAT(ModelOptionsFromJson("{\"\\u001b[2J\": 1}"), StatusIs(kInvalid, HasSubstr("unknown key '\\x1b[2J'")));
   const std::string repeated = "{\"window\": 24," + PaperJson().dump().substr(1);
   EXPECT_THAT(ModelOptionsFromJson(repeated), StatusIs(kInvalid, HasSubstr("'window' stands twice")));
   EXPECT_THAT(ModelOptionsFromJson("[]"), StatusIs(kInvalid, HasSubstr("JSON object")));
