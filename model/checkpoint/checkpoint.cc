@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "model/checkpoint/checkpoint.h"
 
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
 #include <exception>
 #include <filesystem>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
 #include "io/quoted.h"
 
 namespace holdfast {
@@ -15,6 +20,7 @@ namespace {
 
 constexpr char kOptionsKey[] = "holdfast.model";
 constexpr char kNameKey[] = "holdfast.name";
+constexpr size_t kMaxNameBytes = 120;
 constexpr int64_t kMaxFileBytes = int64_t{2} << 30;
 
 // Names of one kind of fault, the first few of them.
@@ -103,6 +109,35 @@ absl::Status CheckSize(const TensorFile& file, const ModelOptions& options) {
                                                  " parameters, but the file holds ", elements, " numbers"));
 }
 
+// Bytes of the control character that 'text' begins with, one of the first or the second 32; 0: it is another one.
+size_t ControlBytes(absl::string_view text) {
+  if (absl::ascii_iscntrl(static_cast<unsigned char>(text[0]))) return 1;
+  const absl::string_view two = text.substr(0, 2);
+  return two >= "\xc2\x80" && two <= "\xc2\x9f" ? 2 : 0;
+}
+
+// The beginning of a UTF-8 text, whole characters of it.
+absl::string_view Beginning(absl::string_view text, size_t bytes) {
+  if (text.size() <= bytes) return text;
+  while (bytes > 0 && (static_cast<unsigned char>(text[bytes]) & 0xc0) == 0x80) --bytes;
+  return text.substr(0, bytes);
+}
+
+// A name that a file or its own name gave, as messages, labels and terminals can carry it: UTF-8 without control
+// characters, not long.
+std::string CleanName(const std::string& name) {
+  using Json = nlohmann::json;
+  const std::string utf8 =
+      Json::parse(Json(name).dump(-1, ' ', false, Json::error_handler_t::replace)).get<std::string>();
+  std::string clean;
+  for (absl::string_view rest = Beginning(utf8, kMaxNameBytes); !rest.empty();) {
+    const size_t control = ControlBytes(rest);
+    clean += control > 0 ? '?' : rest[0];
+    rest.remove_prefix(std::max<size_t>(control, 1));
+  }
+  return clean;
+}
+
 absl::StatusOr<LoadedModel> LoadChecked(const std::string& path) {
   const auto bytes = ReadFile(path, kMaxFileBytes);
   if (!bytes.ok()) return bytes.status();
@@ -111,9 +146,9 @@ absl::StatusOr<LoadedModel> LoadChecked(const std::string& path) {
   const auto options = OptionsOf(*file);
   if (!options.ok()) return options.status();
   if (auto s = CheckSize(*file, *options); !s.ok()) return s;
-  LoadedModel loaded{PointModel(*options), std::filesystem::path(path).stem().string(), Sha256Hex(*bytes),
-                     file->metadata};
-  if (const auto name = file->metadata.find(kNameKey); name != file->metadata.end()) loaded.name = name->second;
+  const auto named = file->metadata.find(kNameKey);
+  const std::string name = named != file->metadata.end() ? named->second : std::filesystem::path(path).stem().string();
+  LoadedModel loaded{PointModel(*options), CleanName(name), Sha256Hex(*bytes), file->metadata};
   if (auto s = CopyParameters(*file, *loaded.model); !s.ok()) return s;
   loaded.model->eval();
   return loaded;

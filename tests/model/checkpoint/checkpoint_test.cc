@@ -110,6 +110,19 @@ TEST(CheckpointTest, ExtraMetadataIsKeptAndMayNameTheModel) {
   EXPECT_EQ(ReadSafetensors(dir.File("m.safetensors"))->metadata.at("note"), "x");
 }
 
+TEST(CheckpointTest, NamesAreMadeFitForLabelsAndTerminals) {
+  const TempDir dir;
+  const auto name_of = [&](const std::string& stem, const std::map<std::string, std::string>& metadata) {
+    const std::string path = dir.File(stem + ".safetensors");
+    EXPECT_THAT(SaveModel(path, *TestModel(), torch::kFloat32, metadata), IsOk());
+    return LoadModel(path)->name;
+  };
+  EXPECT_EQ(name_of("caf\xe9", {}), "caf\xef\xbf\xbd");
+  EXPECT_EQ(name_of("a", {{"holdfast.name", "caf\xc3\xa9\x1b[2J\n\x7f\xc2\x9b"}}), "caf\xc3\xa9?[2J???");
+  EXPECT_EQ(name_of("b", {{"holdfast.name", "x" + std::string(119, 'y') + "\xc3\xa9"}}), "x" + std::string(119, 'y'));
+  EXPECT_EQ(name_of("c", {{"holdfast.name", std::string(119, 'y') + "\xc3\xa9"}}), std::string(119, 'y'));
+}
+
 TEST(CheckpointTest, AMissingParameterIsNamed) {
   EXPECT_THAT(LoadChanged([](TensorFile& f) { f.tensors.erase("fnet.conv1.weight"); }),
               StatusIs(kInvalid, AllOf(HasSubstr("m.safetensors"), HasSubstr("missing 'fnet.conv1.weight'"))));
