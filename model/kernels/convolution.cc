@@ -62,14 +62,13 @@ HOLDFAST_INLINE ConvolutionMaps AsOneMap(ConvolutionMaps m) {
 // relu(norm(x)) of a row of the input.
 template <int64_t kWidth>
 HOLDFAST_INLINE void NormRow(const float* x, int64_t pixels, int64_t channels, const float* moments, float* out) {
-  using V = Lanes<kWidth>;
   const float* rstd = moments + channels;
   for (int64_t i = 0; i < pixels; ++i, x += channels, out += channels) {
     int64_t c = 0;
     for (; c + kWidth <= channels; c += kWidth) {
-      Store(Max((Load<kWidth>(x + c) - Load<kWidth>(moments + c)) * Load<kWidth>(rstd + c), V{}), out + c);
+      Store(Relu((Load<kWidth>(x + c) - Load<kWidth>(moments + c)) * Load<kWidth>(rstd + c)), out + c);
     }
-    for (; c < channels; ++c) out[c] = std::max((x[c] - moments[c]) * rstd[c], 0.0f);
+    for (; c < channels; ++c) out[c] = Relu((x[c] - moments[c]) * rstd[c]);
   }
 }
 

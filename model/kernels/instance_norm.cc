@@ -25,10 +25,10 @@ HOLDFAST_INLINE void ApplyRows(const T* __restrict x, const T* __restrict identi
     for (int64_t c = 0; c < fold.width; ++c) {
       const int64_t i = r * fold.width + c;
       float value = (ToFloat(x[i]) - mean[c]) * rstd[c];
-      if (kTail != NormTail::kNone) value = value > 0 ? value : 0;
+      if (kTail != NormTail::kNone) value = Relu(value);
       if (kTail == NormTail::kReluAddRelu) {
         value += ToFloat(identity[i]);
-        value = value > 0 ? value : 0;
+        value = Relu(value);
       }
       Assign(value, y + i);
     }

@@ -141,9 +141,15 @@ HOLDFAST_INLINE Lanes<4> SumEach(const V (&v)[4]) {
   return SumEach(halves);
 }
 
+// The second one where either is not a number.
 template <typename V>
 HOLDFAST_INLINE V Max(V a, V b) {
   return a > b ? a : b;
+}
+// max(x, 0) of a vector or a float. What is not a number stays so, as with ATen: checks of the network look for it.
+template <typename V>
+HOLDFAST_INLINE V Relu(V x) {
+  return x <= V{} ? V{} : x;
 }
 template <typename V>
 HOLDFAST_INLINE float Largest(V v) {
@@ -152,12 +158,13 @@ HOLDFAST_INLINE float Largest(V v) {
   return largest;
 }
 
-// 2^x to about 2e-7 relative for x <= 0 (softmax needs no more); below -126 it gives 2^-126.
+// 2^x to about 2e-7 relative for x <= 0 (softmax needs no more); below -126 it gives 2^-126. What is not a number stays
+// so.
 template <typename V>
 HOLDFAST_INLINE V Exp2OfNegative(V x) {
   constexpr float kRounder = 12582912.0f;  // 1.5 * 2^23: adding it leaves the nearest integer in the low bits
   using Ints = typename VectorTypes<kLanesOf<V>>::Ints;
-  x = Max(x, V{} - 126.0f);
+  x = Max(V{} - 126.0f, x);
   const V shifted = x + kRounder;
   const V r = x - (shifted - kRounder);
   V p = r * 1.3264726839e-3f + 9.6715126653e-3f;

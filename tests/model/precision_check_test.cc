@@ -5,6 +5,7 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 
+#include <cmath>
 #include <limits>
 
 #include "model/checkpoint/checkpoint.h"
@@ -61,6 +62,18 @@ TEST_F(PrecisionCheckTest, WhatIsNotANumberIsNotWithin) {
   const torch::NoGradGuard no_grad;
   wrong->named_parameters()["fnet.conv3.bias"].fill_(std::numeric_limits<float>::quiet_NaN());
   EXPECT_FALSE(ComparePrecisions(exact_, wrong, CheckPicture(64, 64)).within());
+}
+
+// One channel: were it taken as zero between the layers, the rest would be close enough.
+TEST_F(PrecisionCheckTest, WhatIsNotANumberInTheMiddleComesOut) {
+  const torch::NoGradGuard no_grad;
+  for (const torch::ScalarType dtype : {torch::kFloat32, torch::kBFloat16}) {
+    PointModel wrong = CopyInPrecision(exact_, dtype);
+    wrong->named_parameters()["fnet.layer2.0.conv1.bias"][0] = std::numeric_limits<float>::quiet_NaN();
+    const PrecisionDifference difference = ComparePrecisions(exact_, wrong, CheckPicture(64, 64));
+    EXPECT_TRUE(std::isnan(difference.features)) << dtype;
+    EXPECT_FALSE(difference.within()) << dtype;
+  }
 }
 
 TEST_F(PrecisionCheckTest, ACopySharesNothing) {

@@ -6,6 +6,8 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 
+#include <limits>
+
 #include "model/ops/instance_norm.h"
 #include "tests/support/gradient_check.h"
 
@@ -99,6 +101,18 @@ TEST(ConvolutionForwardTest, NormsOnTheWay) {
   const torch::Tensor between = InstanceNormRelu(Convolve(x, first));
   EXPECT_LE(RelativeDifference(chain(), InstanceNormReluAdd(Convolve(between, second), identity)), 1e-5);
   EXPECT_LE(RelativeDifference(InstanceNormRelu(ConvolveMeasured(x, first)), between), 1e-5);
+}
+
+// Channels in registers and those that are left beside them.
+TEST(ConvolutionForwardTest, WhatIsNotANumberComesThroughTheNormOnTheWay) {
+  const torch::NoGradGuard no_grad;
+  torch::nn::Conv2d first(torch::nn::Conv2dOptions(6, 19, 3).padding(1));
+  torch::nn::Conv2d second(torch::nn::Conv2dOptions(19, 8, 3).padding(1));
+  const torch::Tensor x = torch::randn({1, 6, 9, 10}).contiguous(torch::MemoryFormat::ChannelsLast);
+  for (const int64_t channel : {0, 18}) {
+    first->bias.zero_()[channel] = std::numeric_limits<float>::quiet_NaN();
+    EXPECT_TRUE(ConvolveMeasured(ConvolveMeasured(x, first), second).map.isnan().all().item<bool>());
+  }
 }
 
 // Over time each row of the batch is a map with moments of its own.

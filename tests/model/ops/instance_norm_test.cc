@@ -5,6 +5,8 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 
+#include <limits>
+
 #include "tests/support/gradient_check.h"
 
 namespace holdfast {
@@ -60,6 +62,20 @@ TEST(InstanceNormTest, ResultDependsNeitherOnBatchNorOnThreads) {
   const torch::Tensor together = InstanceNormRelu(x);
   torch::set_num_threads(threads);
   EXPECT_TRUE(torch::equal(alone, together.narrow(0, 3, 1)));
+}
+
+// In registers and in what is left beside them.
+TEST(InstanceNormTest, WhatIsNotANumberStaysInItsChannelAndComesOut) {
+  const torch::Tensor x = Map({1, 19, 5, 7});
+  for (const int64_t channel : {0, 18}) {
+    torch::Tensor wrong = x.clone(torch::MemoryFormat::ChannelsLast);
+    wrong[0][channel][2][3] = std::numeric_limits<float>::quiet_NaN();
+    for (const torch::ScalarType dtype : {torch::kFloat32, torch::kBFloat16}) {
+      const torch::Tensor y = InstanceNormReluAdd(wrong.to(dtype), x.to(dtype));
+      EXPECT_TRUE(torch::equal(y.isnan().flatten(2).all(2).nonzero(), torch::tensor({{int64_t{0}, channel}})));
+      EXPECT_EQ(InstanceNormRelu(wrong.to(dtype)).isnan().sum().item<int64_t>(), 5 * 7);
+    }
+  }
 }
 
 TEST(InstanceNormTest, ChannelsLastStays) {

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -91,6 +92,14 @@ TEST(PatchAttentionTest, LargeScoresDoNotOverflow) {
   maps.query.mul_(300);
   const torch::Tensor want = Definition(maps.query.to(torch::kDouble), maps.value.to(torch::kDouble), kShape);
   EXPECT_LE(RelativeDifference(PatchAttention(maps.query, maps.value, kShape), want), 1e-4);
+}
+
+TEST(PatchAttentionTest, WhatIsNotANumberInAQueryComesOut) {
+  Maps maps = RandomMaps(8, 8);
+  maps.query[0][2][3] = std::numeric_limits<float>::quiet_NaN();
+  const torch::Tensor out = PatchAttention(maps.query, maps.value, kShape).isnan();
+  EXPECT_TRUE(out[0][2][3].all().item<bool>());
+  EXPECT_EQ(out.sum().item<int64_t>(), out[0][2][3].numel()) << "others do not see it";
 }
 
 TEST(ContextualAttentionTest, FramesDoNotSeeEachOther) {
