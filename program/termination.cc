@@ -8,6 +8,7 @@
 #include <atomic>
 #include <cerrno>
 #include <csignal>
+#include <optional>
 #include <utility>
 
 namespace holdfast {
@@ -21,7 +22,7 @@ std::atomic<int> writing_end{-1};
 static_assert(std::atomic<int>::is_always_lock_free, "a handler may not lock");
 
 // On whichever thread the system chooses, so that it may do little. A pipe that is full drops what comes: there are
-// thousands in it, and the second one ends the process.
+// thousands in it, and the second one mostly ends the process.
 void PassOn(int number) {
   const int error = errno;
   const char byte = static_cast<char>(number);
@@ -64,6 +65,11 @@ void Handle(int number) {
   sigaction(number, &action, nullptr);
 }
 
+const Clock& SystemsClock() {
+  static const SystemClock clock;
+  return clock;
+}
+
 }  // namespace
 
 bool StopSignal::Stop(int signal) {
@@ -85,7 +91,9 @@ void StopSignal::SetCallback(std::function<void()> on_stop) {
   Tell();
 }
 
-TerminationWatcher::TerminationWatcher(StopSignal& stop) : stop_(stop) {
+TerminationWatcher::TerminationWatcher(StopSignal& stop) : TerminationWatcher(stop, SystemsClock()) {}
+
+TerminationWatcher::TerminationWatcher(StopSignal& stop, const Clock& clock) : stop_(stop), clock_(clock) {
   const sigset_t set = TheSignals();
   pthread_sigmask(SIG_BLOCK, &set, nullptr);
   OpenPipe();
@@ -104,8 +112,11 @@ void TerminationWatcher::Watch() {
   pthread_sigmask(SIG_BLOCK, nullptr, &blocked);
   sigdelset(&blocked, SIGINT);
   sigdelset(&blocked, SIGTERM);
+  std::optional<SteadyTime> taken;
   while (const char number = NextNumber(blocked)) {
+    if (taken && clock_.Since(*taken) < kSameRequest) continue;
     if (!stop_.Stop(number)) _exit(SignalExitCode(number));
+    taken = clock_.SteadyNow();
   }
 }
 

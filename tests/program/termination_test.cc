@@ -10,7 +10,10 @@
 #include <cstdlib>
 #include <thread>
 
+#include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
+#include "absl/time/time.h"
+#include "api/clock.h"
 
 namespace holdfast {
 namespace {
@@ -69,15 +72,58 @@ TEST(TerminationWatcherTest, AnInterruptStopsInsteadOfKilling) {
   EXPECT_TRUE(stop.stopped());
 }
 
+// Stands still until it is moved, and knows how often it was asked: once for each signal.
+class AskedClock final : public Clock {
+ public:
+  absl::Time WallNow() const override { return absl::UnixEpoch(); }
+  SteadyTime SteadyNow() const override {
+    const absl::MutexLock lock(&mutex_);
+    ++asked_;
+    return now_;
+  }
+  void Advance(absl::Duration duration) {
+    const absl::MutexLock lock(&mutex_);
+    now_ += absl::ToChronoNanoseconds(duration);
+  }
+  void AwaitAsked(int count) const {
+    const auto reached = [this, count]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return asked_ >= count; };
+    const absl::MutexLock lock(&mutex_);
+    mutex_.Await(absl::Condition(&reached));
+  }
+
+ private:
+  mutable absl::Mutex mutex_;
+  mutable int asked_ ABSL_GUARDED_BY(mutex_) = 0;
+  SteadyTime now_ ABSL_GUARDED_BY(mutex_);
+};
+
 // Runs until a signal ends the process.
 [[noreturn]] void ReceiveTwice(int first, int second) {
   StopSignal stop;
-  absl::Notification stopped;
-  stop.SetCallback([&stopped] { stopped.Notify(); });
-  const TerminationWatcher watcher(stop);
+  AskedClock clock;
+  stop.SetCallback([] {});
+  const TerminationWatcher watcher(stop, clock);
   kill(getpid(), first);
-  stopped.WaitForNotification();
+  clock.AwaitAsked(1);
+  clock.Advance(kSameRequest);
   kill(getpid(), second);
+  absl::Notification().WaitForNotification();
+  std::abort();
+}
+
+// As above, but 'soon' comes with the first one.
+[[noreturn]] void ReceiveThrice(int first, int soon, int later) {
+  StopSignal stop;
+  AskedClock clock;
+  stop.SetCallback([] {});
+  const TerminationWatcher watcher(stop, clock);
+  kill(getpid(), first);
+  clock.AwaitAsked(1);
+  clock.Advance(kSameRequest / 2);
+  kill(getpid(), soon);
+  clock.AwaitAsked(2);
+  clock.Advance(kSameRequest / 2);
+  kill(getpid(), later);
   absl::Notification().WaitForNotification();
   std::abort();
 }
@@ -94,6 +140,12 @@ TEST(TerminationWatcherTest, ASecondInterruptEndsTheProcess) {
   ::testing::FLAGS_gtest_death_test_style = "threadsafe";
   EXPECT_EXIT(ReceiveTwice(SIGINT, SIGINT), ::testing::ExitedWithCode(130), "");
   EXPECT_EXIT(ReceiveTwice(SIGINT, SIGTERM), ::testing::ExitedWithCode(143), "");
+}
+
+TEST(TerminationWatcherTest, OneThatComesAtOnceAsksForTheSame) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(ReceiveThrice(SIGTERM, SIGTERM, SIGINT), ::testing::ExitedWithCode(130), "");
+  EXPECT_EXIT(ReceiveThrice(SIGINT, SIGINT, SIGTERM), ::testing::ExitedWithCode(143), "");
 }
 
 TEST(TerminationWatcherTest, AnInterruptThatNobodyListensToEndsTheProcess) {
