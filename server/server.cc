@@ -3,8 +3,8 @@
 
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
-#include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/impl/server_builder_option.h>
+#include <grpcpp/resource_quota.h>
 
 #include <algorithm>
 #include <utility>
@@ -21,15 +21,20 @@ namespace {
 
 // Beside a frame, or a token, a message holds points; a frame that is a little too large is still refused by name.
 constexpr int64_t kMessageSlackBytes = 1 << 20;
-constexpr int kWaitingStreams = 32;  // streams without a session yet, beside the sessions
+constexpr int kWaitingStreams = 32;   // streams without a session yet, beside the sessions
+constexpr int kRefusedStreams = 100;  // of one connection, on their way out
+constexpr int64_t kConnectionBytes = 64 << 20;
+constexpr int kUnreadBytes = 4 << 20;  // of a stream: 40 MB/s over a round trip of 100 ms
 constexpr int kMinClientPingMs = 10'000;
 constexpr absl::Duration kCloseTime = absl::Seconds(1);  // for the last bytes and for streams of health watchers
+
+int MostStreams(const ServerOptions& options) { return options.engine.max_sessions + kWaitingStreams; }
 
 ServedStreams::Options StreamsOptions(const ServerOptions& options, SpanSink* spans) {
   ServedStreams::Options service;
   service.stream.first_message_timeout = options.first_message_timeout;
   service.stream.idle_timeout = options.idle_timeout;
-  service.max_streams = options.engine.max_sessions + kWaitingStreams;
+  service.max_streams = MostStreams(options);
   service.grace_period = options.grace_period;
   service.spans = spans;
   return service;
@@ -38,6 +43,19 @@ ServedStreams::Options StreamsOptions(const ServerOptions& options, SpanSink* sp
 int64_t LargestMessage(const ServerOptions& options) {
   return std::min<int64_t>(std::max(options.engine.limits.max_frame_bytes, kMaxTokenBytes) + kMessageSlackBytes,
                            std::numeric_limits<int>::max());
+}
+
+// What gRPC holds at once: a message of each stream. It takes a message in to its end, up to 4 GiB, before it refuses
+// it for its size; beyond the quota it ends streams instead, whosever they are. What comes for a stream that is not
+// read has an end of its own, which gRPC would otherwise set by what the line carries.
+void LimitMemory(const ServerOptions& options, grpc::ServerBuilder& builder) {
+  grpc::ResourceQuota quota("holdfast");
+  quota.Resize(static_cast<size_t>(MostStreams(options) * LargestMessage(options) + kConnectionBytes));
+  builder.SetResourceQuota(quota);
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, kUnreadBytes);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS,
+                             MostStreams(options) + HealthService::kMaxWatchers + kRefusedStreams);
 }
 
 void SetChannelArguments(const ServerOptions& options, grpc::ServerBuilder& builder) {
@@ -124,37 +142,30 @@ absl::Status Server::ListenToBrowsers(const ServerOptions& options) {
 absl::Status Server::Listen(const ServerOptions& options) {
   const auto credentials = MakeServerCredentials(options.tls);
   if (!credentials.ok()) return credentials.status();
-  grpc::EnableDefaultHealthCheckService(options.open_health);
   grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
   const bool reflects = options.token_file.empty() || options.open_reflection;
   if (!reflects) builder.SetOption(std::make_unique<WithoutReflection>());
   SetChannelArguments(options, builder);
+  LimitMemory(options, builder);
   builder.AddListeningPort(options.listen, *credentials, &port_);
   builder.RegisterService(&service_);
+  if (options.open_health) builder.RegisterService(&health_);
   server_ = builder.BuildAndStart();
   if (server_ == nullptr || port_ == 0) {
     return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen, " for gRPC"));
   }
-  SetHealth(false);
   return absl::OkStatus();
-}
-
-void Server::SetHealth(bool serving) {
-  auto* const health = server_->GetHealthCheckService();
-  if (health == nullptr) return;
-  health->SetServingStatus(serving);
-  health->SetServingStatus(v1::PointTracking::service_full_name(), serving);
 }
 
 void Server::Serve(Engine& engine) {
   streams_.Serve(engine);
-  if (lifecycle_.Advance(LifecycleState::kServing)) SetHealth(true);
+  if (lifecycle_.Advance(LifecycleState::kServing)) health_.Set(true);
 }
 
 void Server::Drain() {
   lifecycle_.Advance(LifecycleState::kDraining);
-  SetHealth(false);
+  health_.Set(false);
   streams_.Drain();
   server_->Shutdown(SteadyDeadline(kCloseTime));
   lifecycle_.Advance(LifecycleState::kStopped);

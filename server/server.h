@@ -11,6 +11,7 @@
 #include "server/access/gatekeeper.h"
 #include "server/engine/engine.h"
 #include "server/events.h"
+#include "server/health_service.h"
 #include "server/lifecycle.h"
 #include "server/options.h"
 #include "server/streams/served_streams.h"
@@ -46,7 +47,6 @@ class Server {
          Clock& clock, ServerEvents& events, std::shared_ptr<spdlog::logger> log);
   absl::Status Listen(const ServerOptions& options);
   absl::Status ListenToBrowsers(const ServerOptions& options);
-  void SetHealth(bool serving);
 
   Lifecycle lifecycle_;
   int port_ = 0;
@@ -55,8 +55,9 @@ class Server {
   const std::shared_ptr<spdlog::logger> log_;
   ServedStreams streams_;
   TrackService service_;
+  HealthService health_;
   std::unique_ptr<WebServer> web_;        // null: browsers are not served
-  std::unique_ptr<grpc::Server> server_;  // last: it uses the service
+  std::unique_ptr<grpc::Server> server_;  // last: it uses the services
 };
 
 }  // namespace holdfast

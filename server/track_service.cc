@@ -16,13 +16,6 @@ namespace {
 constexpr char kAuthorization[] = "authorization";
 constexpr char kTraceParent[] = "traceparent";
 
-// Ends a call that was not admitted.
-class RefusedCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
- public:
-  explicit RefusedCall(const absl::Status& status) { Finish(ToGrpcStatus(status)); }
-  void OnDone() override { delete this; }  // owned by the call
-};
-
 // Empty where there is none; the first one of several.
 absl::string_view MetadataOf(const grpc::CallbackServerContext& context, const char* key) {
   const auto found = context.client_metadata().find(key);
@@ -32,7 +25,12 @@ absl::string_view MetadataOf(const grpc::CallbackServerContext& context, const c
 
 }  // namespace
 
-grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track(grpc::CallbackServerContext* context) {
+TrackService::TrackService(ServedStreams& streams) : streams_(streams) {
+  AddCall("/holdfast.v1.PointTracking/Track", [this](auto* context) { return Track(context); });
+  AddCall("/holdfast.v1.PointTracking/GetServerInfo", [this](auto* context) { return GetServerInfo(*context); });
+}
+
+UnreadService::Reactor* TrackService::Track(grpc::CallbackServerContext* context) {
   TrackReactor* reactor = nullptr;
   const auto make = [&](ServedStream::Deps deps, Gatekeeper::Pass pass, int max_points) {
     auto made =
@@ -43,20 +41,16 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* TrackService::Track
   };
   const std::string peer = context->peer();
   const auto opened = streams_.Open({MetadataOf(*context, kAuthorization), peer}, "grpc", make);
-  if (!opened.ok()) return new RefusedCall(opened.status());
+  if (!opened.ok()) return new RefusedCall(ToGrpcStatus(opened.status()));
   return reactor;
 }
 
-grpc::ServerUnaryReactor* TrackService::GetServerInfo(grpc::CallbackServerContext* context,
-                                                      const v1::GetServerInfoRequest*,
-                                                      v1::GetServerInfoResponse* response) {
-  grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
-  const std::string peer = context->peer();
-  absl::StatusOr<v1::GetServerInfoResponse> info = streams_.Info({MetadataOf(*context, kAuthorization), peer});
-  const absl::Status status = info.status();
-  if (status.ok()) *response = *std::move(info);
-  reactor->Finish(ToGrpcStatus(status));
-  return reactor;
+UnreadService::Reactor* TrackService::GetServerInfo(const grpc::CallbackServerContext& context) {
+  const std::string peer = context.peer();
+  const auto info = streams_.Info({MetadataOf(context, kAuthorization), peer});
+  if (!info.ok()) return new RefusedCall(ToGrpcStatus(info.status()));
+  const grpc::Slice bytes(info->SerializeAsString());
+  return new AnsweredCall(grpc::ByteBuffer(&bytes, 1));
 }
 
 }  // namespace holdfast

@@ -7,6 +7,12 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
 #include "server/logging.h"
 #include "tests/support/fake_engine.h"
 #include "tests/support/status_matchers.h"
@@ -69,6 +75,79 @@ TEST(ServerTest, HealthFollowsTheLifecycle) {
   EXPECT_EQ(CheckHealth(server, "holdfast.v1.PointTracking"), kNotServing);
   EXPECT_THAT(running.FinishAndReadToEnd(), IsOk());
   drain.join();
+}
+
+// A call whose client has said nothing yet.
+class SilentCall {
+ public:
+  SilentCall(const TestServer& server, const std::string& method) : stub_(server.NewChannel()) {
+    context_.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(20));  // where it hangs
+    call_ = stub_.PrepareCall(&context_, method, &queue_);
+    call_->StartCall(nullptr);
+    Wait();
+  }
+  ~SilentCall() { Cancel(); }
+  std::string Read() {
+    grpc::ByteBuffer answer;
+    call_->Read(&answer, nullptr);
+    grpc::Slice bytes;
+    return Wait() && answer.TrySingleSlice(&bytes).ok() ? std::string(bytes.begin(), bytes.end()) : "";
+  }
+  grpc::Status Finish() {
+    grpc::Status status;
+    call_->Finish(&status, nullptr);
+    Wait();
+    return status;
+  }
+  void Cancel() { context_.TryCancel(); }
+
+ private:
+  bool Wait() {
+    void* tag;
+    bool ok = false;
+    return queue_.Next(&tag, &ok) && ok;
+  }
+  grpc::GenericStub stub_;
+  grpc::ClientContext context_;
+  grpc::CompletionQueue queue_;
+  std::unique_ptr<grpc::GenericClientAsyncReaderWriter> call_;
+};
+
+TEST(ServerTest, UnaryCallsAreAnsweredWithoutTakingInWhatTheyAsk) {
+  FakeEngine engine;
+  TestServer server(&engine);
+  SilentCall health(server, "/grpc.health.v1.Health/Check"), info(server, "/holdfast.v1.PointTracking/GetServerInfo");
+  EXPECT_EQ(health.Read(), "\x08\x01");
+  EXPECT_TRUE(health.Finish().ok());
+  v1::GetServerInfoResponse told;
+  EXPECT_TRUE(told.ParseFromString(info.Read()));
+  EXPECT_EQ(told.model_name(), "fake");
+  EXPECT_TRUE(info.Finish().ok());
+}
+
+TEST(ServerTest, WatchersHearOfEachChangeOfHealth) {
+  FakeEngine engine;
+  TestServer server(nullptr);
+  SilentCall watcher(server, "/grpc.health.v1.Health/Watch");
+  EXPECT_EQ(watcher.Read(), "\x08\x02");
+  server.server().Serve(engine);
+  EXPECT_EQ(watcher.Read(), "\x08\x01");
+  std::thread drain([&] { server.server().Drain(); });
+  EXPECT_EQ(watcher.Read(), "\x08\x02");
+  drain.join();
+}
+
+TEST(ServerTest, SoManyWatchHealthAndThoseWhoGoMakeRoom) {
+  TestServer server(nullptr);
+  std::vector<std::unique_ptr<SilentCall>> watchers;
+  for (int i = 0; i < HealthService::kMaxWatchers; ++i) {
+    watchers.push_back(std::make_unique<SilentCall>(server, "/grpc.health.v1.Health/Watch"));
+    EXPECT_EQ(watchers.back()->Read(), "\x08\x02");
+  }
+  EXPECT_EQ(SilentCall(server, "/grpc.health.v1.Health/Watch").Finish().error_code(),
+            grpc::StatusCode::RESOURCE_EXHAUSTED);
+  watchers.pop_back();
+  while (SilentCall(server, "/grpc.health.v1.Health/Watch").Read() != "\x08\x02") std::this_thread::yield();
 }
 
 TEST(ServerTest, NothingIsAdmittedBeforeTheModelIsLoaded) {
