@@ -20,8 +20,12 @@ absl::string_view TokenOf(absl::string_view authorization) {
 
 }  // namespace
 
+void Gatekeeper::Pass::Leave() {
+  if (owner_ != nullptr && !std::exchange(leaving_, true)) owner_->MoveToLeaving(grant_.name);
+}
+
 void Gatekeeper::Pass::GiveBack() {
-  if (Gatekeeper* const owner = std::exchange(owner_, nullptr)) owner->Release(grant_.name);
+  if (Gatekeeper* const owner = std::exchange(owner_, nullptr)) owner->Release(grant_.name, leaving_);
 }
 
 absl::StatusOr<std::unique_ptr<Gatekeeper>> Gatekeeper::Create(const std::string& token_file, const Clock& clock,
@@ -52,19 +56,27 @@ absl::StatusOr<Gatekeeper::Pass> Gatekeeper::Admit(absl::string_view authorizati
   if (!grant.ok()) return grant.status();
   if (grant->name.empty()) return Pass();
   absl::MutexLock lock(&mutex_);
-  int& open = open_[grant->name];
-  if (grant->max_sessions > 0 && open >= grant->max_sessions) {
-    return OverloadError("sessions", absl::StrCat("all ", grant->max_sessions, " of ", grant->name, " are open"),
-                         kRetryAfter);
+  Streams& streams = streams_[grant->name];
+  const int most = grant->max_sessions;
+  if (most > 0 && (streams.open >= most || streams.open + streams.leaving >= 2 * int64_t{most})) {
+    return OverloadError("sessions", absl::StrCat("all ", most, " of ", grant->name, " are open"), kRetryAfter);
   }
-  ++open;
+  ++streams.open;
   return Pass(this, *std::move(grant));
 }
 
-void Gatekeeper::Release(const std::string& name) {
+void Gatekeeper::MoveToLeaving(const std::string& name) {
   absl::MutexLock lock(&mutex_);
-  const auto found = open_.find(name);
-  if (--found->second == 0) open_.erase(found);
+  Streams& streams = streams_[name];
+  --streams.open;
+  ++streams.leaving;
+}
+
+void Gatekeeper::Release(const std::string& name, bool leaving) {
+  absl::MutexLock lock(&mutex_);
+  const auto found = streams_.find(name);
+  --(leaving ? found->second.leaving : found->second.open);
+  if (found->second.open + found->second.leaving == 0) streams_.erase(found);
 }
 
 void Gatekeeper::LogRefusal(absl::string_view peer) {

@@ -28,9 +28,13 @@ class Gatekeeper {
   class Pass {
    public:
     Pass() = default;
-    Pass(Pass&& other) noexcept : owner_(std::exchange(other.owner_, nullptr)), grant_(std::move(other.grant_)) {}
+    Pass(Pass&& other) noexcept
+        : owner_(std::exchange(other.owner_, nullptr)), leaving_(other.leaving_), grant_(std::move(other.grant_)) {}
     Pass& operator=(Pass&& other) = delete;
     ~Pass() { GiveBack(); }
+    // The stream has only its last word to be read, after which the caller may come back at once: it no longer counts
+    // among those that are open, but as one of as many that may be leaving.
+    void Leave();
     // Gives the place back before its end; the grant stays.
     void GiveBack();
     const Grant& grant() const { return grant_; }  // of no name where the server has no list
@@ -39,6 +43,7 @@ class Gatekeeper {
     friend class Gatekeeper;
     Pass(Gatekeeper* owner, Grant grant) : owner_(owner), grant_(std::move(grant)) {}
     Gatekeeper* owner_ = nullptr;  // null: not counted
+    bool leaving_ = false;
     Grant grant_;
   };
 
@@ -55,7 +60,12 @@ class Gatekeeper {
  private:
   Gatekeeper(std::unique_ptr<AccessFile> file, const Clock& clock, std::shared_ptr<spdlog::logger> log)
       : file_(std::move(file)), clock_(clock), log_(std::move(log)) {}
-  void Release(const std::string& name) ABSL_LOCKS_EXCLUDED(mutex_);
+  struct Streams {
+    int open = 0;
+    int leaving = 0;
+  };
+  void MoveToLeaving(const std::string& name) ABSL_LOCKS_EXCLUDED(mutex_);
+  void Release(const std::string& name, bool leaving) ABSL_LOCKS_EXCLUDED(mutex_);
   void LogRefusal(absl::string_view peer) ABSL_LOCKS_EXCLUDED(mutex_);
 
   const std::unique_ptr<AccessFile> file_;  // null: everybody is let in
@@ -63,9 +73,9 @@ class Gatekeeper {
   const std::shared_ptr<spdlog::logger> log_;
 
   absl::Mutex mutex_;
-  absl::flat_hash_map<std::string, int> open_ ABSL_GUARDED_BY(mutex_);  // streams of a name, none of which has 0
-  std::optional<SteadyTime> logged_ ABSL_GUARDED_BY(mutex_);            // when a refusal was last written down
-  int64_t unlogged_ ABSL_GUARDED_BY(mutex_) = 0;                        // refusals since
+  absl::flat_hash_map<std::string, Streams> streams_ ABSL_GUARDED_BY(mutex_);  // of the names that have some
+  std::optional<SteadyTime> logged_ ABSL_GUARDED_BY(mutex_);                   // when a refusal was last written down
+  int64_t unlogged_ ABSL_GUARDED_BY(mutex_) = 0;                               // refusals since
 };
 
 }  // namespace holdfast

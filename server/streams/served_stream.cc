@@ -324,7 +324,7 @@ bool ServedStream::NextResponseLocked(v1::TrackResponse& response) {
   } else if (summary_) {
     *response.mutable_summary() = ToProto(*summary_);
     summary_.reset();
-    pass_.GiveBack();
+    pass_.Leave();
   } else {
     return false;
   }

@@ -114,7 +114,7 @@ class ServedStream final : private SessionListener {
   void TellEndLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Deps deps_;
-  Gatekeeper::Pass pass_;  // given back with the last word to the client: who hears of the end may come back at once
+  Gatekeeper::Pass pass_;  // leaves with the last word to the client: who hears of the end may come back at once
   const StreamTrace trace_;
   const SteadyTime started_;
   StreamCarrier& carrier_;

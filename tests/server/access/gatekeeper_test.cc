@@ -10,6 +10,8 @@
 #include <optional>
 #include <sstream>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "api/errors.h"
 #include "tests/support/simulated_clock.h"
@@ -102,6 +104,28 @@ TEST_F(GatekeeperTest, CountsWhatANameHasOpen) {
   EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer), IsOk()) << "given back once";
   const Gatekeeper::Pass third_now = *gatekeeper_->Admit(kAnne, kPeer);
   EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer).status(), StatusIs(absl::StatusCode::kResourceExhausted));
+}
+
+TEST_F(GatekeeperTest, WhoLeavesMakesRoomForAsManyAndNoMore) {
+  OpenForAnneAndBob();
+  std::vector<Gatekeeper::Pass> leaving;
+  for (int i = 0; i < 2; ++i) {
+    leaving.push_back(*gatekeeper_->Admit(kAnne, kPeer));
+    leaving.back().Leave();
+    leaving.back().Leave();
+  }
+  std::vector<Gatekeeper::Pass> open;
+  for (int i = 0; i < 2; ++i) open.push_back(*gatekeeper_->Admit(kAnne, kPeer));
+  open.front().Leave();
+  EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer).status(), StatusIs(absl::StatusCode::kResourceExhausted))
+      << "three never leave";
+  leaving.front().GiveBack();
+  EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer), IsOk());
+  leaving.clear();
+  open.clear();
+  for (int i = 0; i < 2; ++i) open.push_back(*gatekeeper_->Admit(kAnne, kPeer));
+  EXPECT_THAT(gatekeeper_->Admit(kAnne, kPeer).status(), StatusIs(absl::StatusCode::kResourceExhausted))
+      << "all were given back, once";
 }
 
 TEST_F(GatekeeperTest, AChangedFileCountsForWhoComesNext) {
