@@ -10,7 +10,7 @@ namespace holdfast {
 std::optional<FileStamp> LookAt(const std::string& path) {
   struct stat found {};
   if (::stat(path.c_str(), &found) != 0) return std::nullopt;
-  return FileStamp{found.st_mtim.tv_sec, found.st_mtim.tv_nsec, found.st_size, found.st_ino};
+  return FileStamp{found.st_ctim.tv_sec, found.st_ctim.tv_nsec, found.st_size, found.st_ino};
 }
 
 absl::StatusOr<std::string> ReadWatched(const std::string& path, absl::string_view what) {

@@ -21,7 +21,8 @@
 
 namespace holdfast {
 
-// What a file has to have in common with another one to be taken for the same.
+// What a file has to have in common with another one to be taken for the same. 'changed' is the time that nobody can
+// set, of its content, owner and mode.
 struct FileStamp {
   int64_t changed_s = 0;
   int64_t changed_ns = 0;
@@ -43,8 +44,8 @@ inline constexpr int64_t kMaxWatchedFileBytes = 1 << 20;
 absl::StatusOr<std::string> ReadWatched(const std::string& path, absl::string_view what);
 
 // What a small file says, as it is now: a changed file is read again by the next who asks, at most once in
-// kFileCheckPeriod. One that has become wrong or is gone changes nothing but for a warning in the log. T is immutable:
-// who has it may keep it. Thread-safe.
+// kFileCheckPeriod. One that has become wrong, cannot be read or is gone changes nothing but for a warning in the log.
+// T is immutable: who has it may keep it. Thread-safe.
 template <typename T>
 class WatchedFile {
  public:
@@ -70,9 +71,11 @@ class WatchedFile {
     checked_ = clock_.SteadyNow();
     if (LookAt(options_.path) == stamp_) return content_;
     if (absl::Status status = ReadLocked(); status.ok()) {
+      complaint_.clear();
       log_->info(absl::StrCat("new ", options_.what, ": ", options_.describe(*content_)));
-    } else {
-      log_->warn(absl::StrCat("the ", options_.what, " stay as they were: ", status.message()));
+    } else if (status.message() != complaint_) {
+      complaint_ = std::string(status.message());
+      log_->warn(absl::StrCat("the ", options_.what, " stay as they were: ", complaint_));
     }
     return content_;
   }
@@ -81,12 +84,16 @@ class WatchedFile {
   WatchedFile(Options options, const Clock& clock, std::shared_ptr<spdlog::logger> log)
       : options_(std::move(options)), clock_(clock), log_(std::move(log)) {}
 
-  // Looks before it reads: a file that changes in between is read once more.
+  // Looks before it reads: a file that changes in between is read once more. So is one that could not be read, for
+  // reasons that may pass.
   absl::Status ReadLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     checked_ = clock_.SteadyNow();
     stamp_ = LookAt(options_.path);
     const absl::StatusOr<std::string> text = ReadWatched(options_.path, options_.what);
-    if (!text.ok()) return text.status();
+    if (!text.ok()) {
+      stamp_.reset();
+      return text.status();
+    }
     absl::StatusOr<T> content = options_.parse(*text);
     if (!content.ok()) {
       const absl::Status& status = content.status();
@@ -102,7 +109,8 @@ class WatchedFile {
 
   absl::Mutex mutex_;
   std::shared_ptr<const T> content_ ABSL_GUARDED_BY(mutex_);  // null before the first reading only
-  std::optional<FileStamp> stamp_ ABSL_GUARDED_BY(mutex_);    // of the file when it was last read
+  std::optional<FileStamp> stamp_ ABSL_GUARDED_BY(mutex_);    // of the file when it was last read; empty: it was not
+  std::string complaint_ ABSL_GUARDED_BY(mutex_);             // what was warned of since
   SteadyTime checked_ ABSL_GUARDED_BY(mutex_);
 };
 

@@ -2,7 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <spdlog/sinks/ostream_sink.h>
+#include <sys/resource.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -99,6 +101,27 @@ TEST_F(KeyFileTest, AFileThatIsWrongOrGoneChangesNothingAndIsWarnedOfOnce) {
   WriteKey("three");
   Wait();
   EXPECT_EQ(SealingId(), "three");
+}
+
+// With no descriptor left a file can be looked at, by root too, and not be read.
+TEST_F(KeyFileTest, AFileThatCouldNotBeReadIsTriedAgainAndWarnedOfOnce) {
+  WriteKey("one");
+  Open();
+  WriteKey("two");
+  rlimit before;
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  const rlimit none = {0, before.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &none), 0);
+  for (int i = 0; i < 3; ++i) {
+    Wait();
+    EXPECT_EQ(SealingId(), "one");
+  }
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &before), 0);
+  const std::string lines = lines_.str();
+  EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 1) << lines;
+  EXPECT_THAT(lines, HasSubstr("stay as they were"));
+  Wait();
+  EXPECT_EQ(SealingId(), "two");
 }
 
 TEST_F(KeyFileTest, AServerDoesNotStartWithAWrongFile) {
