@@ -20,7 +20,7 @@ COPY . .
 # One stage for all programs: the images share most of the sources.
 RUN cmake --preset release -DHOLDFAST_TESTS=OFF > /dev/null && cmake --build build/release -j "$(make -s jobs)" \
  && cd build/release/bin \
- && /src/deploy/image/rootfs.sh --alone /rootfs/server holdfast-server holdfast-import \
+ && /src/deploy/image/rootfs.sh --alone /rootfs/server holdfast-server holdfast-healthcheck holdfast-import \
  && /src/deploy/image/rootfs.sh /rootfs/client holdfast \
  && /src/deploy/image/rootfs.sh /rootfs/trainer holdfast-train holdfast-eval holdfast-synth holdfast-import
 
@@ -55,5 +55,5 @@ RUN ["holdfast-server", "--version"]
 USER holdfast
 EXPOSE 50051 9464
 # Kubernetes uses its own probes: http GET /readyz and /healthz on 9464.
-HEALTHCHECK --interval=10s --timeout=5s --start-period=30s CMD ["holdfast-server", "--healthcheck"]
+HEALTHCHECK --interval=10s --timeout=5s --start-period=30s CMD ["holdfast-healthcheck"]
 ENTRYPOINT ["holdfast-server"]

@@ -1,5 +1,6 @@
 # What is installed beside the programs, and Debian packages of it (make dist):
-#   holdfast-server   the server and its unit for systemd, the shipped weights, and holdfast-import for others
+#   holdfast-server   the server, its health check and its unit for systemd, the shipped weights, and holdfast-import for
+#                     others
 #   holdfast-client   the command line
 #   libholdfast-dev   the client library: find_package(holdfast), holdfast::client
 include(GNUInstallDirs)

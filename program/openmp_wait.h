@@ -13,7 +13,8 @@ namespace holdfast {
 inline constexpr char kSpinCount[] = "1000";
 
 // Makes the OpenMP threads of this process spin for kSpinCount rounds. A choice of the user's wins: nothing happens
-// when OMP_WAIT_POLICY or GOMP_SPINCOUNT is set. Call it first thing in main, with main's argv.
+// when OMP_WAIT_POLICY or GOMP_SPINCOUNT is set. Call it early in main, with main's argv: what comes before is
+// done twice.
 //
 // libgomp reads its environment in a constructor, before any code of the program itself, and has no call to change what
 // it read. (Functions of DT_PREINIT_ARRAY run before constructors, but before libc has taken over the environment too.)

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -98,7 +99,8 @@ int AnswerHealthCheck(const std::string& address) {
   return health.ok() ? 0 : Complain(health, 1);
 }
 
-int Main(const std::vector<std::string>& args) {
+// Sets the flags and does what takes no network; nothing: serve.
+std::optional<int> RunWithoutNetwork(const std::vector<std::string>& args) {
   if (AnswerQuestion(kProgram, args, std::cout)) return 0;
   if (const absl::Status set = SetFlags(args, std::getenv); !set.ok()) return Complain(set, 2);
   if (const auto address = AddressToCheck()) return AnswerHealthCheck(*address);
@@ -121,3 +123,5 @@ int main(int argc, char** argv) {
   holdfast::PrepareForNetwork(argv);
   return holdfast::Main({argv + 1, argv + argc});
 }
+  // Questions first: what prepares for the network may execute the program once more.
+  if (const auto exit_status = holdfast::RunWithoutNetwork({argv + 1, argv + argc})) return *exit_status;

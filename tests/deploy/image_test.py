@@ -24,6 +24,7 @@ ENTER = [*UNSHARE, "sh", "-c",
          'mount --rbind /dev "$0/dev" && mount --rbind /proc "$0/proc" && exec chroot "$0" "$@"']
 CAN_ENTER = subprocess.run([*UNSHARE, "true"], check=False, capture_output=True).returncode == 0
 needs_root = unittest.skipUnless(CAN_ENTER, "no namespaces here: what runs over a root of its own is not tested")
+PROGRAMS = ("holdfast-server", "holdfast-healthcheck", "holdfast-import")
 SMALL = ["--processing_size=128x96", "--iterations=1", "--compute_threads=1", "--precision=float32"]
 
 
@@ -42,7 +43,7 @@ class ImageTest(unittest.TestCase):
         shutil.copy(ROOT / "LICENSE", source)
         subprocess.run(["chmod", "-R", "go=", source], check=True)
         subprocess.run(["sh", "-c", 'umask 077 && exec "$@"', "-", source / "deploy" / "image" / "rootfs.sh", "--alone",
-                        cls.root, "holdfast-server", "holdfast-import"], cwd=cls.programs, check=True)
+                        cls.root, *PROGRAMS], cwd=cls.programs, check=True)
         cls.bom = json.loads((cls.root / "usr/share/holdfast/sbom.cdx.json").read_text(encoding="utf-8"))
 
     def run_inside(self, program, *flags):
@@ -67,7 +68,7 @@ class ImageTest(unittest.TestCase):
 
     @needs_root
     def test_programs_run_without_anything_else(self):
-        for program in ("holdfast-server", "holdfast-import"):
+        for program in PROGRAMS:
             answer = self.run_inside(program, "--version")
             self.assertEqual(answer.returncode, 0, answer.stderr)
             self.assertRegex(answer.stdout, rf"^{program} \d+\.\d+\.\d+")
@@ -76,19 +77,19 @@ class ImageTest(unittest.TestCase):
     def test_the_server_serves_and_knows_its_health(self):
         server, ports = self.start_inside()
         listen = f"--metrics_listen=0.0.0.0:{ports['metrics']}"
-        healthy = self.run_inside("holdfast-server", "--healthcheck", listen)
+        healthy = self.run_inside("holdfast-healthcheck", listen)
         self.assertEqual((healthy.returncode, healthy.stderr), (0, ""))
         server.terminate()
         self.assertEqual(server.wait(60), 0)
         server.stderr.close()
-        gone = self.run_inside("holdfast-server", "--healthcheck", listen)
+        gone = self.run_inside("holdfast-healthcheck", listen)
         self.assertEqual(gone.returncode, 1)
         self.assertIn("cannot be reached", gone.stderr)
 
     def test_there_is_no_other_program(self):
         programs = {path.relative_to(self.root).as_posix() for path in self.root.rglob("*")
                     if path.is_file() and os.access(path, os.X_OK) and ".so" not in path.name}
-        self.assertEqual(programs, {"usr/bin/holdfast-server", "usr/bin/holdfast-import"})
+        self.assertEqual(programs, {f"usr/bin/{program}" for program in PROGRAMS})
 
     def test_everybody_may_read_all_of_it(self):
         self.assertTrue((self.root / "usr/share/holdfast/weights/small.safetensors").is_file())

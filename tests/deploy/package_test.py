@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT / "tests" / "e2e"))
 from server_process import VIDEO, ServerProcess  # noqa: E402
 
 SMALL = ["--processing_size=128x96", "--iterations=1", "--compute_threads=1", "--precision=float32"]
-PACKAGES = {"holdfast-server": ["usr/bin/holdfast-server", "usr/bin/holdfast-import"],
+PACKAGES = {"holdfast-server": ["usr/bin/holdfast-server", "usr/bin/holdfast-healthcheck", "usr/bin/holdfast-import"],
             "holdfast-client": ["usr/bin/holdfast"],
             "libholdfast-dev": ["usr/include/holdfast/client/remote_tracker.h"]}
 
