@@ -10,6 +10,7 @@
 #include <boost/beast/http/read.hpp>
 #include <boost/beast/http/write.hpp>
 #include <optional>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "api/address.h"
@@ -26,10 +27,11 @@ using beast::error_code;
 
 constexpr unsigned kReady = 200;
 
-// What listens on every address of the machine listens on this one too.
-std::string HostToAsk(const std::string& host) {
-  if (host == "::") return "::1";
-  return host.empty() || host == "0.0.0.0" ? "127.0.0.1" : host;
+// What listens on every address of the machine listens on one of these too. With [::] that is IPv4 as well, and the
+// only one where IPv6 is switched off.
+std::vector<std::string> HostsToAsk(const std::string& host) {
+  if (host == "::") return {"::1", "127.0.0.1"};
+  return {host.empty() || host == "0.0.0.0" ? "127.0.0.1" : host};
 }
 
 absl::Status NotHealthy(const std::string& metrics_listen, absl::string_view why) {
@@ -43,8 +45,12 @@ class Probe {
 
   error_code Connect(const HostPort& address) {
     error_code error;
-    const auto found = tcp::resolver(context_).resolve(HostToAsk(address.host), absl::StrCat(address.port), error);
-    if (error) return error;
+    std::vector<tcp::endpoint> found;
+    for (const std::string& host : HostsToAsk(address.host)) {
+      const auto here = tcp::resolver(context_).resolve(host, absl::StrCat(address.port), error);
+      found.insert(found.end(), here.begin(), here.end());
+    }
+    if (found.empty()) return error;
     stream_.async_connect(found, [&error](error_code result, const tcp::endpoint&) { error = result; });
     Run();
     return error;

@@ -115,6 +115,8 @@ TEST(HealthCheckTest, FindsAServerThatListensEverywhere) {
   for (const char* host : {"", "0.0.0.0"}) {
     EXPECT_THAT(CheckHealth(absl::StrCat(host, ":", endpoint->port()), absl::Seconds(10)), IsOk());
   }
+  EXPECT_THAT(CheckHealth(absl::StrCat("[::]:", endpoint->port()), absl::Seconds(10)), IsOk())
+      << "where there is no IPv6";
   const auto over_ipv6 = StartHttpEndpoint("[::1]:0", nullptr, [] { return true; });
   if (!over_ipv6.ok()) GTEST_SKIP() << "this machine has no IPv6";
   for (const char* host : {"[::1]", "[::]"}) {
