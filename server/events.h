@@ -7,7 +7,8 @@ namespace holdfast {
 
 // kStreams: as many as the server takes are open; kCaller: as many as the caller's token may have.
 enum class RefusalReason { kLoading, kDraining, kStreams, kCaller, kToken };
-enum class ResumeResult { kResumed, kRefused };
+// kRefused: the token fits nothing here; kOverloaded: it may, at another time or elsewhere.
+enum class ResumeResult { kResumed, kRefused, kOverloaded };
 enum class SpanResult { kSent, kDropped };
 
 // What the server reports beside the engine's events. Implementations are thread-safe and quick.

@@ -89,7 +89,18 @@ const char* Name(RefusalReason reason) {
 }
 
 const char* Name(SpanResult result) { return result == SpanResult::kSent ? "sent" : "dropped"; }
-const char* Name(ResumeResult result) { return result == ResumeResult::kResumed ? "resumed" : "refused"; }
+
+const char* Name(ResumeResult result) {
+  switch (result) {
+    case ResumeResult::kResumed:
+      return "resumed";
+    case ResumeResult::kRefused:
+      return "refused";
+    case ResumeResult::kOverloaded:
+      return "overloaded";
+  }
+  return "other";
+}
 
 MetricFamily Single(const char* name, const char* help, MetricType type, double value) {
   prometheus::ClientMetric metric;
@@ -179,7 +190,7 @@ PrometheusMetrics::PrometheusMetrics(std::shared_ptr<spdlog::logger> log)
                 {RefusalReason::kLoading, RefusalReason::kDraining, RefusalReason::kStreams, RefusalReason::kCaller,
                  RefusalReason::kToken});
   Impl::Prepare(impl_->spans, "result", {SpanResult::kSent, SpanResult::kDropped});
-  Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused});
+  Impl::Prepare(impl_->resumes, "result", {ResumeResult::kResumed, ResumeResult::kRefused, ResumeResult::kOverloaded});
   for (const Stage stage :
        {Stage::kDecode, Stage::kFlow, Stage::kQueue, Stage::kEncode, Stage::kRefine, Stage::kEmit}) {
     impl_->stages.Add({{"stage", StageName(stage)}}, StageBuckets());

@@ -25,6 +25,12 @@ std::string ForLog(const absl::Status& status) {
                       text.size() > kMaxLoggedText ? "..." : "");
 }
 
+ResumeResult ResultOfResume(const absl::Status& opened) {
+  if (opened.ok()) return ResumeResult::kResumed;
+  const bool wrong = absl::IsFailedPrecondition(opened) || absl::IsInvalidArgument(opened);
+  return wrong ? ResumeResult::kRefused : ResumeResult::kOverloaded;
+}
+
 }  // namespace
 
 ServedStream::ServedStream(Deps deps, Gatekeeper::Pass pass, TraceContext trace, StreamCarrier& carrier)
@@ -110,7 +116,7 @@ absl::Status ServedStream::Open(const v1::TrackRequest& request) {
 absl::StatusOr<std::unique_ptr<EngineSession>> ServedStream::OpenSession(const SessionConfig& config) {
   absl::StatusOr<std::unique_ptr<EngineSession>> opened = deps_.engine.OpenSession(config, *this);
   if (!config.resume_token.empty()) {
-    deps_.events.SessionResumed(opened.ok() ? ResumeResult::kResumed : ResumeResult::kRefused);
+    deps_.events.SessionResumed(ResultOfResume(opened.status()));
   }
   return opened;
 }

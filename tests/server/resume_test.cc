@@ -90,6 +90,19 @@ TEST(ResumeTest, TheLongestTokenIsTakenWhereFramesAreSmall) {
   EXPECT_THAT(call.FinishAndReadToEnd(), IsOk());
 }
 
+TEST(ResumeTest, AnOverloadIsNoWrongToken) {
+  FakeEngine engine(FakeEngine::Options{/*max_sessions=*/1});
+  TestServer server(&engine);
+  const auto channel = server.NewChannel();
+  TrackCall waiting(channel);  // admitted while there is a place
+  engine.AwaitPlacesAskedFor(1);
+  TrackCall other(channel, JpegConfig());
+  waiting.SendConfig(ToProto(ResumedConfig("token-3")));
+  EXPECT_THAT(waiting.ReadToEnd(), StatusIs(absl::StatusCode::kResourceExhausted));
+  EXPECT_THAT(server.metrics().Text(), HasSubstr("holdfast_resumes_total{result=\"refused\"} 0\n"));
+  EXPECT_THAT(server.metrics().Text(), HasSubstr("holdfast_resumes_total{result=\"overloaded\"} 1\n"));
+}
+
 TEST(ResumeTest, ASessionThatEndsForAMistakeOrByItselfGetsNoCheckpoint) {
   FakeEngine engine;
   TestServer server(&engine);

@@ -66,6 +66,12 @@ class FakeEngine final : public Engine {
     absl::MutexLock lock(&mutex_);
     mutex_.Await(absl::Condition(&reached));
   }
+  // By streams, before they say anything.
+  void AwaitPlacesAskedFor(int count) const {
+    const auto reached = [this, count]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return places_asked_for_ >= count; };
+    absl::MutexLock lock(&mutex_);
+    mutex_.Await(absl::Condition(&reached));
+  }
   int live_sessions() const {
     absl::MutexLock lock(&mutex_);
     return live_sessions_;
@@ -78,6 +84,7 @@ class FakeEngine final : public Engine {
 
   absl::Status CheckPlaces() override {
     absl::MutexLock lock(&mutex_);
+    ++places_asked_for_;
     return CheckPlacesLocked();
   }
   absl::StatusOr<std::unique_ptr<EngineSession>> OpenSession(const SessionConfig& config,
@@ -337,6 +344,7 @@ class FakeEngine final : public Engine {
   Session* running_ ABSL_GUARDED_BY(mutex_) = nullptr;
   bool held_ ABSL_GUARDED_BY(mutex_) = false;
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  int places_asked_for_ ABSL_GUARDED_BY(mutex_) = 0;
   int frames_taken_ ABSL_GUARDED_BY(mutex_) = 0;
   int live_sessions_ ABSL_GUARDED_BY(mutex_) = 0;  // not destroyed
   int admitted_ ABSL_GUARDED_BY(mutex_) = 0;       // not done
