@@ -103,8 +103,10 @@ ABSL_FLAG(
     absl::Duration, first_message_timeout, Defaults().first_message_timeout,
     "Ends a stream whose configuration has not come after this time, once all places for streams are taken. While "
     "some are free it may take 256 s longer: a checkpoint comes with it, which a thin line carries slowly.");
-ABSL_FLAG(absl::Duration, idle_timeout, Defaults().idle_timeout,
-          "Ends a stream whose client has neither sent nor read for this time. inf: never.");
+ABSL_FLAG(
+    absl::Duration, idle_timeout, Defaults().idle_timeout,
+    "Ends a stream whose client has neither sent nor read for this time. While places for streams are free, what it "
+    "sends may take as much longer as the largest frame on a line of 64 KiB/s: it shows once it is there. inf: never.");
 ABSL_FLAG(absl::Duration, grace_period, Defaults().grace_period,
           "Leaves running sessions this much time to finish by themselves at shutdown.");
 ABSL_FLAG(

@@ -239,14 +239,15 @@ void ServedStream::CheckTime(SteadyTime now, bool wanted) {
       return AbortLocked();
     }
     if (input_closed_ || done_) return;
+    const int64_t largest = session_ == nullptr ? kMaxTokenBytes : deps_.engine.limits().max_frame_bytes;
+    const absl::Duration on_its_way = wanted ? absl::ZeroDuration() : UploadTime(largest);
     if (session_ == nullptr) {
-      const absl::Duration more = wanted ? absl::ZeroDuration() : UploadTime(kMaxTokenBytes);
-      if (Between(started_, now) < deps_.options.first_message_timeout + more) return;
+      if (Between(started_, now) < deps_.options.first_message_timeout + on_its_way) return;
       late = absl::DeadlineExceededError("the config did not come in time");
     } else {
-      if (!reading_ || quiet < deps_.options.idle_timeout) return;
-      late = absl::DeadlineExceededError(
-          absl::StrCat("nothing came for ", absl::FormatDuration(deps_.options.idle_timeout)));
+      const absl::Duration most = deps_.options.idle_timeout + on_its_way;
+      if (!reading_ || quiet < most) return;
+      late = absl::DeadlineExceededError(absl::StrCat("nothing came for ", absl::FormatDuration(most)));
     }
   }
   End(late);

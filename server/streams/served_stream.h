@@ -68,9 +68,9 @@ class ServedStream final : private SessionListener {
   // Starts the first read. Call it once, when the carrier is ready.
   void Begin() ABSL_LOCKS_EXCLUDED(mutex_);
 
-  // Called by the owner now and then: ends a stream whose client keeps it waiting for too long. A config that does not
-  // come looks like one whose token takes its time on a thin line, so it has the time of the largest token besides,
-  // unless the place is 'wanted' by others.
+  // Called by the owner now and then: ends a stream whose client keeps it waiting for too long. A message that does not
+  // come looks like one that takes its time on a thin line, so a config has the time of the largest token besides, and
+  // a frame that of the largest frame, unless the place is 'wanted' by others.
   void CheckTime(SteadyTime now, bool wanted) ABSL_LOCKS_EXCLUDED(mutex_);
   // Takes nothing more from the client and ends with 'status' once the results of what was taken are sent.
   void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
