@@ -66,6 +66,9 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
     log->info(absl::StrCat("the page for browsers on port ", (*server)->web_port(), " (", options.web_listen, ")"));
   }
 
+  if (!options.port_file.empty()) {
+    if (absl::Status status = PreparePortFile(options.port_file); !status.ok()) return status;
+  }
   auto created = CreateEngine(options.engine, **sealer, clock, metrics);
   if (!created.ok()) return created.status();
   engine = *std::move(created);
@@ -85,6 +88,7 @@ absl::Status Run(const ServerOptions& options, const absl::Notification& asked_t
   asked_to_stop.WaitForNotification();
   log->info(absl::StrCat("shutting down; sessions have ", absl::FormatDuration(options.grace_period), " to finish"));
   (*server)->Drain();
+  if (!options.port_file.empty()) RemovePortFile(options.port_file);
   log->info("bye");
   return absl::OkStatus();
 }
@@ -104,6 +108,10 @@ std::optional<int> RunWithoutNetwork(const std::vector<std::string>& args) {
   if (AnswerQuestion(kProgram, args, std::cout)) return 0;
   if (const absl::Status set = SetFlags(args, std::getenv); !set.ok()) return Complain(set, 2);
   if (const auto address = AddressToCheck()) return AnswerHealthCheck(*address);
+  return std::nullopt;
+}
+
+int Serve() {
   const absl::StatusOr<ServerOptions> options = OptionsFromFlags();
   if (!options.ok()) return Complain(options.status(), absl::IsNotFound(options.status()) ? 1 : 2);
   absl::Notification asked_to_stop;
@@ -120,8 +128,8 @@ std::optional<int> RunWithoutNetwork(const std::vector<std::string>& args) {
 }  // namespace holdfast
 
 int main(int argc, char** argv) {
-  holdfast::PrepareForNetwork(argv);
-  return holdfast::Main({argv + 1, argv + argc});
-}
   // Questions first: what prepares for the network may execute the program once more.
   if (const auto exit_status = holdfast::RunWithoutNetwork({argv + 1, argv + argc})) return *exit_status;
+  holdfast::PrepareForNetwork(argv);
+  return holdfast::Serve();
+}
