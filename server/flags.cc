@@ -39,8 +39,9 @@ ABSL_FLAG(std::string, web_listen, Defaults().web_listen,
 ABSL_FLAG(std::vector<std::string>, web_origins, Defaults().web_origins,
           "Lets pages of these origins, https://tracks.example,…, open sockets at --web_listen, beside the server's "
           "own page; needed behind a proxy where --web_listen is of this machine alone.");
-ABSL_FLAG(std::string, port_file, Defaults().port_file,
-          "Writes the bound ports to this file once the server is ready. Empty: to no file.");
+ABSL_FLAG(
+    std::string, port_file, Defaults().port_file,
+    "Writes the bound ports to this file once the server is ready, and removes it at the end. Empty: to no file.");
 ABSL_FLAG(bool, healthcheck, false,
           "Asks the server that runs with these flags, at --metrics_listen, whether it takes sessions, and ends: exit "
           "status 0 when it does, 1 when not.");

@@ -19,7 +19,8 @@ class HealthService::Watcher final : public Reactor {
  public:
   explicit Watcher(HealthService& health) : health_(health) {}
 
-  void TellLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(health_.mutex_) {
+  void TellLocked() {
+    health_.mutex_.AssertHeld();  // by the service too, whose own mutex the analysis takes for another one
     if (writing_ || ended_ || told_ == health_.serving_) return;
     told_ = health_.serving_;
     writing_ = true;
