@@ -290,7 +290,8 @@ void Session::CountPoints(int64_t before) {
 
 std::vector<DueRow> Session::DueRows() {
   // Who resumes a session that is suspended says how it ends. Points that are removed on the last frame end before.
-  const bool ended = inbox_.drained() && !AnyOps() && !inbox_.suspended() && !CatchingUp() && !OwesLastCheckpoint();
+  const SessionInbox::Standing stream = inbox_.standing();
+  const bool ended = stream.drained && !AnyOps() && !stream.suspended && !CatchingUp() && !OwesLastCheckpoint(stream);
   std::vector<DueRow> rows = tracks_.Due(ended);
   // Nobody else's windows wait for who speaks to the listener.
   const auto of_object = [](const DueRow& row) { return IsObjectPoint(row.track->id()); };
@@ -399,23 +400,25 @@ int64_t Session::CachedBytes() const { return tracks_.cache().bytes() + (flow_ =
 
 bool Session::FinishTurn(TrackerModel& model) {
   if (closed_) return false;
-  if (const absl::Status ended = inbox_.cancelled() ? inbox_.end_status() : FlowFailure(); !ended.ok()) {
+  // One that is suspended from here on is so for the next turn: what is here is not all that there will be.
+  const SessionInbox::Standing stream = inbox_.standing();
+  if (const absl::Status ended = stream.cancelled ? stream.end_status : FlowFailure(); !ended.ok()) {
     Close(ended);
     return false;
   }
   bool busy = FinishPolish();
-  if (CatchingUp() && !inbox_.suspended()) {
+  if (CatchingUp() && !stream.suspended) {
     Evict();
-    if (inbox_.drained()) Close(EndedTooEarly());
+    if (stream.drained) Close(EndedTooEarly(stream.end_status));
     return busy;
   }
   if (!CatchingUp()) EndTracks();
   busy = ReseedObjects(model) || busy;
-  if (inbox_.suspended()) {
-    Suspend();
+  if (stream.suspended) {
+    Suspend(stream.end_status);
     return false;
   }
-  if (OwesLastCheckpoint() && inbox_.drained()) {
+  if (OwesLastCheckpoint(stream) && stream.drained) {
     told_last_checkpoint_ = true;
     SendCheckpoint(State());
     return true;
@@ -424,21 +427,25 @@ bool Session::FinishTurn(TrackerModel& model) {
   if (tracks_.tracks() == 0) report_.Progress();  // otherwise estimates say it
   Evict();
   StartCheckpoint();
-  if (!inbox_.drained() || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return busy;
+  if (!stream.drained || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return busy;
+  return !FinishStream(stream.end_status) && busy;
+}
+
+bool Session::FinishStream(const absl::Status& status) {
   const auto any_meeting = [](const SessionObjects& objects) { return objects.AnyMeeting(); };
   // The last windows may be those of points to come.
-  if (tracks_.AnyUnpolished() && report_.WithObjects(any_meeting)) return busy;
+  if (tracks_.AnyUnpolished() && report_.WithObjects(any_meeting)) return false;
   tracks_.FinalizeAll();
   StartPolish();
-  if (tracks_.AnyUnpolished()) return busy;
+  if (tracks_.AnyUnpolished()) return false;
   const int64_t left = tracks_.tracks();
   std::vector<PointRun> last = tracks_.FinishAll();
   if (flow_ != nullptr) flow_->Close();  // no instant estimate may follow final ones
   CountPoints(left);
   Deliver(std::move(last));
   report_.Final(tracks_.reported_before(), tracks_.cache().oldest());
-  Close(inbox_.end_status());
-  return false;
+  Close(status);
+  return true;
 }
 
 void Session::Close(const absl::Status& status) {

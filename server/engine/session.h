@@ -152,9 +152,12 @@ class Session : public std::enable_shared_from_this<Session> {
   void StartCheckpoint();
   // Whether there are tokens for its state, as far as is known.
   bool CanSeal() const { return options_.sealer != nullptr && !outgrown_; }
-  bool OwesLastCheckpoint() const;
-  void Suspend();
-  absl::Status EndedTooEarly() const;
+  bool OwesLastCheckpoint(const SessionInbox::Standing& stream) const;
+  void Suspend(const absl::Status& status);
+  absl::Status EndedTooEarly(const absl::Status& status) const;
+  // Ends the session once what there is has become final, and polished. False: it is not, or points are still to come.
+  // REQUIRES: the stream has ended with 'status', and no window is due.
+  bool FinishStream(const absl::Status& status);
   void EndTracks();
   void Evict();
   absl::Status FlowFailure() ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);

@@ -104,20 +104,19 @@ bool Session::SendCheckpoint(const SessionState& state) {
   return token.ok();
 }
 
-void Session::Suspend() {
+void Session::Suspend(const absl::Status& status) {
   const bool begun = tracks_.cache().newest() >= 1;  // before, there is nothing that the client has not
   suspended_ = !begun || (CanSeal() && SendCheckpoint(State()));
-  Close(inbox_.end_status());
+  Close(status);
 }
 
 // A session that ends for a mistake, or for silence, may be gone on with from before it.
-bool Session::OwesLastCheckpoint() const {
-  return CanSeal() && !told_last_checkpoint_ && tracks_.cache().newest() >= 1 && !inbox_.suspended() &&
-         !inbox_.end_status().ok();
+bool Session::OwesLastCheckpoint(const SessionInbox::Standing& stream) const {
+  return CanSeal() && !told_last_checkpoint_ && tracks_.cache().newest() >= 1 && !stream.suspended &&
+         !stream.end_status.ok();
 }
 
-absl::Status Session::EndedTooEarly() const {
-  const absl::Status status = inbox_.end_status();
+absl::Status Session::EndedTooEarly(const absl::Status& status) const {
   if (!status.ok()) return status;
   return InvalidFieldError("frame.index",
                            absl::StrCat("the stream ended after frame ", tracks_.cache().newest(),

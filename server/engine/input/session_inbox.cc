@@ -260,9 +260,9 @@ std::vector<PointOp> SessionInbox::TakeOps(int64_t newest_frame, bool applied) {
   return points_.Take(newest_frame, applied);
 }
 
-bool SessionInbox::drained() const {
+SessionInbox::Standing SessionInbox::standing() const {
   absl::MutexLock lock(&mutex_);
-  return ended_ && pending_.empty() && points_.empty();
+  return {ended_ && pending_.empty() && points_.empty(), suspended_, cancelled_, end_status_};
 }
 
 bool SessionInbox::suspended() const {

@@ -98,8 +98,15 @@ class SessionInbox {
   Taken TakeFrames(int64_t count) ABSL_LOCKS_EXCLUDED(mutex_);
   // As PointQueue::Take.
   std::vector<PointOp> TakeOps(int64_t newest_frame, bool applied = true) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Ended, and nothing is left to take.
-  bool drained() const ABSL_LOCKS_EXCLUDED(mutex_);
+  // How the stream stands, all of it at the same moment: it may end in between two questions.
+  struct Standing {
+    bool drained = false;  // ended, and nothing is left to take
+    bool suspended = false;
+    bool cancelled = false;
+    absl::Status end_status;
+  };
+  Standing standing() const ABSL_LOCKS_EXCLUDED(mutex_);
+  bool drained() const { return standing().drained; }
   bool suspended() const ABSL_LOCKS_EXCLUDED(mutex_);
   bool cancelled() const ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status end_status() const ABSL_LOCKS_EXCLUDED(mutex_);

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <memory>
 #include <tuple>
 #include <utility>
@@ -269,6 +270,50 @@ TEST_F(ResumeTest, SuspendingWhileItFinishesLosesNothing) {
   }
   EXPECT_EQ(Difference(tracks, expected), "");
   EXPECT_EQ(metrics_.totals().closed[SessionOutcome::kCompleted], 2) << "the uninterrupted one, and one of these";
+}
+
+// Does what another thread may do, while the session takes its turn on the compute thread.
+class InterruptingMetrics final : public NullEngineMetrics {
+ public:
+  // When the second frame has become final: in a turn that has begun, before it looks whether the stream is at its end.
+  std::function<void()> interrupt;
+  int suspended = 0;
+
+  void FinalEstimate(absl::Duration) override {
+    if (++finals_ == 2) interrupt();
+  }
+  void SessionClosed(SessionOutcome outcome) override { suspended += outcome == SessionOutcome::kSuspended ? 1 : 0; }
+
+ private:
+  int finals_ = 0;
+};
+
+TEST_F(ResumeTest, SuspendingInTheMiddleOfATurnMakesNothingFinal) {
+  for (const bool polish : {true, false}) {
+    SCOPED_TRACE(polish);
+    SessionConfig config = MakeConfig();
+    config.polish = polish;
+    const Tracks expected = Uninterrupted(config);
+    InterruptingMetrics metrics;
+    auto model = std::make_unique<FakeTrackerModel>();
+    model->keep_starts = model_->keep_starts;
+    model->step = model_->step;
+    auto engine = CreateEngineWithModel(options_, std::move(model), clock_, metrics);
+    ASSERT_THAT(engine, IsOk());
+    RecordingListener first, second;
+    auto session = (*engine)->OpenSession(config, first);
+    ASSERT_THAT(session, IsOk());
+    metrics.interrupt = [&] { (*session)->Suspend(absl::UnavailableError("going away")); };
+    Say(**session, first, 0, 24);  // the first window's
+    EXPECT_THAT(first.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
+    EXPECT_EQ(metrics.suspended, 1);
+    Tracks tracks = FinalsOf(first);
+    const auto resumed = Resume(config, first.checkpoints(), second, kFrames);
+    resumed->Finish();
+    EXPECT_THAT(second.AwaitDone(), IsOk());
+    Merge(FinalsOf(second), tracks);
+    EXPECT_EQ(Difference(tracks, expected), "") << Describe(first.checkpoints());
+  }
 }
 
 TEST_F(ResumeTest, WithoutASealerThereIsNoCheckpoint) {
