@@ -420,13 +420,13 @@ bool Session::FinishTurn(TrackerModel& model) {
   }
   if (OwesLastCheckpoint(stream) && stream.drained) {
     told_last_checkpoint_ = true;
-    SendCheckpoint(State());
+    SendCheckpoint(++checkpoints_, State());
     return true;
   }
   StartPolish();
   if (tracks_.tracks() == 0) report_.Progress();  // otherwise estimates say it
   Evict();
-  StartCheckpoint();
+  StartCheckpoint(stream.end_status);
   if (!stream.drained || AnyOps() || tracks_.AnyDue(/*ended=*/true)) return busy;
   return !FinishStream(stream.end_status) && busy;
 }

@@ -121,8 +121,9 @@ class Session : public std::enable_shared_from_this<Session> {
   void RunFlow(absl::FunctionRef<void()> work) ABSL_LOCKS_EXCLUDED(flow_failure_mutex_);
   // AdvanceFlow on the decode pool, unless a job waits there that will do.
   void SubmitFlow();
-  // Seals 'state' and sends it, or says that there is no checkpoint any more.
-  bool SendCheckpoint(const SessionState& state);
+  // Seals 'state' and sends it, or says that there is no checkpoint any more. 'order': of checkpoints_, which counts
+  // them when their states are taken.
+  bool SendCheckpoint(int64_t order, const SessionState& state);
   // Once the first frame has come.
   ImageSize flow_size() const { return FlowSize(inbox_.frame_size(), options_.accepted.processing_size); }
 
@@ -149,7 +150,8 @@ class Session : public std::enable_shared_from_this<Session> {
   bool FinishPolish();
   // A resumed session has not seen all the frames again that its tracks have been through.
   bool CatchingUp() const { return tracks_.cache().newest() < taken_frame_; }
-  void StartCheckpoint();
+  // Unless the stream has ended with a mistake: the last checkpoint is taken before the windows that this makes due.
+  void StartCheckpoint(const absl::Status& end_status);
   // Whether there are tokens for its state, as far as is known.
   bool CanSeal() const { return options_.sealer != nullptr && !outgrown_; }
   bool OwesLastCheckpoint(const SessionInbox::Standing& stream) const;
@@ -195,6 +197,7 @@ class Session : public std::enable_shared_from_this<Session> {
   } newest_seeds_;                     // of the frame at which points were added last
   int64_t taken_frame_ = -1;           // of the session that this one goes on with
   int64_t checkpoint_frame_ = -1;      // the newest frame when the last checkpoint was made
+  int64_t checkpoints_ = 0;            // so many states have been taken for one
   bool told_last_checkpoint_ = false;  // ...before a mistake
   bool suspended_ = false;
   bool closed_ = false;

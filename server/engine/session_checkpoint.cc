@@ -75,20 +75,22 @@ SessionState::Track Session::SavedTrack(const PointTrack& track, int64_t taken_f
   return saved;
 }
 
-void Session::StartCheckpoint() {
+void Session::StartCheckpoint(const absl::Status& end_status) {
+  if (!end_status.ok()) return;
   const int64_t interval = options_.accepted.checkpoint_interval_frames;
   const int64_t newest = tracks_.cache().newest();
   if (interval == 0 || newest < std::max<int64_t>(checkpoint_frame_ + interval, 1) || outgrown_ || sealing_) return;
   checkpoint_frame_ = newest;
   sealing_ = true;
-  threads_.submit([self = shared_from_this(), state = std::make_shared<SessionState>(State())] {
-    self->SendCheckpoint(*state);
+  const int64_t order = ++checkpoints_;
+  threads_.submit([self = shared_from_this(), order, state = std::make_shared<SessionState>(State())] {
+    self->SendCheckpoint(order, *state);
     self->sealing_ = false;
     self->threads_.notify();
   });
 }
 
-bool Session::SendCheckpoint(const SessionState& state) {
+bool Session::SendCheckpoint(int64_t order, const SessionState& state) {
   absl::StatusOr<std::string> token = absl::InternalError("");
   const absl::Status failed = StatusOf([&] { token = options_.sealer->Seal(state); }, "a checkpoint could not be made");
   std::optional<Checkpoint> checkpoint;  // none: the client keeps the one that it has
@@ -100,13 +102,13 @@ bool Session::SendCheckpoint(const SessionState& state) {
     outgrown_ = true;
     checkpoint = Checkpoint{"", state.next_frame, false};
   }
-  report_.CheckpointTaken(state.taken_frame, token.status(), std::move(checkpoint));
+  report_.CheckpointTaken(order, token.status(), std::move(checkpoint));
   return token.ok();
 }
 
 void Session::Suspend(const absl::Status& status) {
   const bool begun = tracks_.cache().newest() >= 1;  // before, there is nothing that the client has not
-  suspended_ = !begun || (CanSeal() && SendCheckpoint(State()));
+  suspended_ = !begun || (CanSeal() && SendCheckpoint(++checkpoints_, State()));
   Close(status);
 }
 

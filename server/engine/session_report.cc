@@ -88,13 +88,12 @@ void SessionReport::Progress() {
   if (told_processed_ < processed_) Send({{}, inbox_.frames_received(), processed_});
 }
 
-void SessionReport::CheckpointTaken(int64_t taken_frame, const absl::Status& sealed,
-                                    std::optional<Checkpoint> checkpoint) {
+void SessionReport::CheckpointTaken(int64_t order, const absl::Status& sealed, std::optional<Checkpoint> checkpoint) {
   absl::MutexLock lock(&mutex_);
-  if (done_ || taken_frame < checkpoint_taken_) return;
+  if (done_ || order < told_checkpoint_) return;
   if (!sealed.ok()) listener_.OnWarning(sealed);
   if (!checkpoint) return;
-  checkpoint_taken_ = taken_frame;
+  told_checkpoint_ = order;
   listener_.OnCheckpoint(*std::move(checkpoint));
 }
 

@@ -57,9 +57,9 @@ class SessionReport {
   void Live(SessionFlow& flow) ABSL_LOCKS_EXCLUDED(mutex_);
   // How far the session is, where nothing has said so since.
   void Progress() ABSL_LOCKS_EXCLUDED(mutex_);
-  // A checkpoint as of 'taken_frame', an empty one where there will be no more, or none this time, and why. Nothing
-  // where a newer one has been told.
-  void CheckpointTaken(int64_t taken_frame, const absl::Status& sealed, std::optional<Checkpoint> checkpoint)
+  // A checkpoint, an empty one where there will be no more, or none this time, and why. Nothing where a newer one, of a
+  // greater 'order', has been told.
+  void CheckpointTaken(int64_t order, const absl::Status& sealed, std::optional<Checkpoint> checkpoint)
       ABSL_LOCKS_EXCLUDED(mutex_);
   void Done(const absl::Status& status, const SessionSummary& summary) ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -88,7 +88,7 @@ class SessionReport {
   bool done_ ABSL_GUARDED_BY(mutex_) = false;
   int64_t told_processed_ ABSL_GUARDED_BY(mutex_) = 0;  // frames_processed of the newest update
   // Of the newest checkpoint that was told: the last one of a session may overtake one that is being made.
-  int64_t checkpoint_taken_ ABSL_GUARDED_BY(mutex_) = -1;
+  int64_t told_checkpoint_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace holdfast

@@ -379,6 +379,24 @@ TEST_F(ResumeTest, AMistakeLeavesACheckpoint) {
   EXPECT_THAT(second.Final(4), Not(IsEmpty()));
 }
 
+TEST_F(ResumeTest, AfterAMistakeNoCheckpointFollowsTheLast) {
+  const SessionConfig config = MakeConfig();
+  for (int64_t frames = 46; frames < 52; ++frames) {  // some are a checkpoint's interval from the one before
+    SCOPED_TRACE(frames);
+    RecordingListener listener;
+    auto session = Open(config, listener);
+    Say(*session, listener, 0, frames);
+    session->Fail(absl::InvalidArgumentError("the next frame is no picture"));
+    EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kInvalidArgument));
+    ASSERT_THAT(listener.checkpoints(), Not(IsEmpty()));
+    const SessionState state = *sealer_.Unseal(listener.checkpoints().back().token);
+    EXPECT_EQ(state.taken_frame, frames - 1);
+    for (const SessionState::Track& track : state.tracks) {
+      EXPECT_TRUE(track.state.ending || track.state.final_before < frames) << "the last windows may run otherwise";
+    }
+  }
+}
+
 TEST_F(ResumeTest, ASlowSealerHoldsNoOtherSessionUp) {
   Gate gate;
   sealer_.before_seal = [&gate] { gate.Pass(); };
