@@ -39,10 +39,17 @@ bool SessionPolish::Step() {
   PolishFrame(absl::MakeSpan(job.work), job.first + 1, *job.pyramids[0], *job.pyramids[1]);
   job.pyramids.pop_front();
   ++job.first;
+  for (PolishTrack& track : job.work) RoundPrevious(track, job.first);
   if (job.pyramids.size() > 1) return true;
   absl::MutexLock lock(&mutex_);
   done_ = true;
   return false;
+}
+
+void SessionPolish::RoundPrevious(PolishTrack& track, int64_t frame) const {
+  const int64_t at = frame - track.first;
+  const bool polished = at >= 0 && at < static_cast<int64_t>(track.positions.size());
+  if (polished && track.previous) track.previous = flow_.ToFlow(flow_.ToFeatures(*track.previous));
 }
 
 bool SessionPolish::Finish(TrackSet& tracks, std::vector<PointRun>& runs) {

@@ -45,6 +45,9 @@ class SessionPolish {
     std::deque<FlowPyramidPtr> pyramids;  // from frame 'first' on, up to the last to polish
     int64_t first = 0;                    // polished up to here
   };
+  // The search in the frame after this one goes on from where the point is kept, in feature pixels, which round: that
+  // frame may be of another job, or of a session that goes on with this one.
+  void RoundPrevious(PolishTrack& track, int64_t frame) const;
 
   SessionFlow& flow_;
   std::unique_ptr<Job> job_;  // of Start, Step and Finish in turn; null: none is under way

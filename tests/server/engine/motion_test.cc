@@ -183,6 +183,49 @@ TEST_F(MotionTest, FinalTracksDoNotDependOnPaceBatchesOrWhenTheyAreSent) {
   }
 }
 
+// The texture changes, so that points are found by the frame before rather than by their queries.
+Frame ChangingFrame(int64_t index, ImageSize size) {
+  const auto t = static_cast<float>(index);
+  GrayImage picture = ShiftedTexture(size, kSpeedX * t, kSpeedY * t);
+  const GrayImage other = ShiftedTexture(size, kSpeedX * t, kSpeedY * t, /*seed=*/50);
+  const float part = std::min(0.6f, 0.03f * t);
+  for (size_t i = 0; i < picture.pixels.size(); ++i) {
+    const float grey = (1 - part) * static_cast<float>(picture.pixels[i]) + part * static_cast<float>(other.pixels[i]);
+    picture.pixels[i] = static_cast<uint8_t>(grey);
+  }
+  return {index, BytesOf(picture)};
+}
+
+// Positions are rounded where a feature pixel is not a power of two of the pixels that flow sees: here it is 12.
+TEST_F(MotionTest, PolishedPositionsDoNotDependOnThePaceWhereTheyAreRounded) {
+  constexpr ImageSize kLarge{192, 144};
+  constexpr int64_t kSent = 75;
+  SessionConfig config = PictureConfig({});
+  config.raw_size = kLarge;
+  for (int i = 0; i < 40; ++i) {
+    const auto t = static_cast<float>(i);
+    config.points.push_back({static_cast<PointId>(i), 20.3f + 3.7f * t, 25.1f + 2.3f * t});
+  }
+  std::vector<Frame> frames;
+  for (int64_t i = 0; i < kSent; ++i) frames.push_back(ChangingFrame(i, kLarge));
+  model_->step = 0.05f;
+  RecordingListener listeners[2];
+  for (const bool slowly : {false, true}) {
+    RecordingListener& listener = listeners[slowly ? 1 : 0];
+    auto session = Open(config, listener);
+    for (int64_t i = 0; i < kSent; ++i) {
+      ASSERT_THAT(listener.Push(*session, frames[i]), IsOk());
+      if (slowly && i >= 23) listener.AwaitFinal(39, static_cast<size_t>((i - 23) / 8 * 8 + 9));
+    }
+    session->Finish();
+    EXPECT_THAT(listener.AwaitDone(), IsOk());
+  }
+  for (const PointQuery& point : config.points) {
+    EXPECT_THAT(listeners[1].Final(point.id), SizeIs(kSent));
+    EXPECT_EQ(listeners[1].Final(point.id), listeners[0].Final(point.id)) << point.id;
+  }
+}
+
 TEST_F(MotionTest, SmallBatchesAndManyThreadsChangeNothing) {
   SessionConfig config = PictureConfig(Crowd(20));
   config.points.push_back(kPoint);

@@ -72,8 +72,11 @@ INSTANTIATE_TEST_SUITE_P(All, InterruptedTest,
                                            std::make_tuple(End::kKilled, false, true, Emit::kWindows),
                                            std::make_tuple(End::kSuspended, false, false, Emit::kWindows)));
 
-TEST_F(ResumeTest, ManyInterruptionsOfOneStreamChangeNothing) {
-  const SessionConfig config = MakeConfig();
+class OftenInterruptedTest : public ResumeTest, public ::testing::WithParamInterface<ImageSize> {};
+
+TEST_P(OftenInterruptedTest, ManyInterruptionsOfOneStreamChangeNothing) {
+  SessionConfig config = MakeConfig();
+  config.processing_size = GetParam();
   const Tracks expected = Uninterrupted(config);
   Tracks tracks;
   std::vector<Checkpoint> checkpoints;
@@ -92,6 +95,9 @@ TEST_F(ResumeTest, ManyInterruptionsOfOneStreamChangeNothing) {
   Merge(FinalsOf(listener), tracks);
   EXPECT_EQ(Difference(tracks, expected), "");
 }
+
+// A feature pixel is 8 pixels of what flow sees, or 32 / 3 and 12, which rounds positions.
+INSTANTIATE_TEST_SUITE_P(Sizes, OftenInterruptedTest, ::testing::Values(kPicture, ImageSize{96, 64}));
 
 TEST_F(ResumeTest, TheScriptLosesAPointAndFindsItAgain) {
   model_->step = 0;
