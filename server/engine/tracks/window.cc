@@ -5,7 +5,11 @@ namespace holdfast {
 
 std::optional<WindowPlan> WindowSchedule::Next(int64_t newest, bool ended) const {
   // Full windows first, also after the end: a last one is only for frames that no full one reaches.
-  if (newest >= next_start_ + options_.frames - 1) return Full();
+  const WindowPlan full = Full();
+  // The point may be queried anew at the newest frame, which then is not this track's: one that would make that frame
+  // final waits for the next.
+  const bool waits = full.final_before > full.last && !ended;
+  if (newest >= full.last + (waits ? 1 : 0)) return full;
   if (ended) {
     if (newest <= covered_) return std::nullopt;  // only the query's frame, or a window ended exactly here
     return began() ? Shifted(newest) : First(WindowKind::kLast, newest);

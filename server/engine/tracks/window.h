@@ -21,7 +21,7 @@ struct WindowOptions {
 
 enum class WindowKind {
   kEarly,  // the first window before it is full
-  kFull,   // s_k .. s_k + S - 1
+  kFull,   // s_k .. s_k + S - 1; with a hop of S - 1 it makes all of them final, and runs once the next frame is there
   kLast,   // at the end of the stream: shifted back to end on the last frame, or the first window of a short clip
 };
 

@@ -261,7 +261,7 @@ TEST(TrackSetTest, WhetherAPointIsLostIsJudgedAlikeBeforeAndAfterPolish) {
   TrackSetHarness harness(windows, /*provisional=*/true, &calibration);
   harness.Frame();
   harness.Seed(1);
-  harness.FramesAndRun(23);
+  harness.FramesAndRun(24);
   const PointTrack& track = *harness.tracks().all().front();
   const float before = track.newest_assurance(), confidence = track.newest_confidence();
   harness.Polish(kAllFromQuery);

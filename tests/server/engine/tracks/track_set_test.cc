@@ -358,6 +358,24 @@ TEST_P(EveryHopAndLength, MakesEveryFrameOfEveryPointFinalOnceOnItsLine) {
   }
 }
 
+TEST_P(EveryHopAndLength, AFrameAtWhichAPointIsQueriedAnewIsFinalOnce) {
+  for (const bool provisional : {true, false}) {
+    for (const int64_t anew : {1, 2, 22, 23, 24, 31, 46}) {  // after the windows that this frame makes due
+      TrackSetHarness harness({24, GetParam(), provisional}, provisional);
+      harness.Frame();
+      harness.Seed(1, 160);
+      harness.FramesAndRun(anew);
+      harness.Seed(1, 320);
+      harness.RunDue();
+      harness.FramesAndRun(30);
+      harness.Finish();
+      const auto finals = FinalX(harness.runs(), 1);
+      ASSERT_THAT(finals, SizeIs(anew + 31));
+      EXPECT_FLOAT_EQ(finals.at(anew), 320);
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Hops, EveryHopAndLength, ::testing::Range(1, 24));
 
 }  // namespace

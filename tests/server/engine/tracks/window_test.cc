@@ -45,6 +45,13 @@ TEST(WindowScheduleTest, WaitsForTheLastFrameOfTheWindow) {
   EXPECT_EQ(schedule.Next(123, false), Full(100, 109, /*from_query=*/true));
 }
 
+TEST(WindowScheduleTest, AWindowThatMakesItsNewestFrameFinalWaitsForTheNextOrTheEnd) {
+  WindowSchedule schedule(Hop(23), 100);
+  EXPECT_EQ(schedule.Next(123, false), std::nullopt);
+  EXPECT_EQ(schedule.Next(123, true), Full(100, 124, /*from_query=*/true));
+  EXPECT_EQ(schedule.Next(124, false), Full(100, 124, /*from_query=*/true));
+}
+
 TEST(WindowScheduleTest, LaterWindowsFollowAtTheHopAndStartFromEstimates) {
   WindowSchedule schedule(Hop(8), 0);
   schedule.Ran(*schedule.Next(23, false));
