@@ -69,7 +69,13 @@ SessionState Session::State() {
 SessionState::Track Session::SavedTrack(const PointTrack& track, int64_t taken_frame) const {
   SessionState::Track saved;
   saved.state = track.state();
-  if (saved.state.ending && saved.state.ending->last_frame == taken_frame) saved.state.ending.reset();
+  if (saved.state.ending && saved.state.ending->last_frame == taken_frame) {
+    // Its last window may have run already: what it made final beyond its end is another track's, or nobody's.
+    const int64_t stop = saved.state.ending->stop;
+    saved.state.final_before = std::min(saved.state.final_before, stop);
+    saved.state.reportable_before = std::min(saved.state.reportable_before, stop);
+    saved.state.ending.reset();
+  }
   if (flow_ == nullptr) return saved;
   if (const auto patch = flow_->PatchOf(track.serial())) saved.patch = {patch->at, patch->code};
   return saved;

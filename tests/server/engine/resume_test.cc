@@ -322,6 +322,31 @@ TEST_F(ResumeTest, SuspendingInTheMiddleOfATurnMakesNothingFinal) {
   }
 }
 
+// A point is queried anew at the newest frame, and the session suspended while the last window of its track before
+// runs.
+TEST_F(ResumeTest, AFrameAtWhichAPointIsQueriedAnewIsNotFinalBefore) {
+  constexpr int64_t kAnew = 28;
+  std::function<void()> in_last_window;
+  int refined = 0;
+  model_->before_refine = [&](absl::Span<const WindowGroup>) {
+    if (++refined == 2) in_last_window();  // the first is the one that frame 23 makes due
+  };
+  SessionConfig config = MakeConfig();
+  config.points = {{1, 40.5f, 50.25f}};
+  config.send_provisional = false;
+  RecordingListener listener;
+  auto session = Open(config, listener);
+  in_last_window = [&] { session->Suspend(absl::UnavailableError("going away")); };
+  for (int64_t i = 0; i <= kAnew; ++i) ASSERT_THAT(listener.Push(*session, {i, Script::PictureAt(i)}), IsOk());
+  ASSERT_THAT(session->AddPoints({{1, 60, 40}}), IsOk());
+  EXPECT_THAT(listener.AwaitDone(), StatusIs(absl::StatusCode::kUnavailable));
+  ASSERT_THAT(listener.checkpoints(), Not(IsEmpty()));
+  const SessionState state = *sealer_.Unseal(listener.checkpoints().back().token);
+  ASSERT_THAT(state.tracks, SizeIs(1)) << "it waits to be polished";
+  EXPECT_EQ(state.tracks[0].state.covered, kAnew) << "its last window has run";
+  EXPECT_EQ(state.tracks[0].state.final_before, kAnew);
+}
+
 TEST_F(ResumeTest, WithoutASealerThereIsNoCheckpoint) {
   options_.sealer = nullptr;
   RecordingListener listener, refused;
