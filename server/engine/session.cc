@@ -165,10 +165,12 @@ void Session::StepFlow() {
   };
   RunFlow([&] {
     do {
-      FetchOps(flow_->newest(), /*applied=*/false);
+      // Chains may grow over newer frames meanwhile, of whose points nothing is known yet.
+      const int64_t newest = flow_->newest();
+      FetchOps(newest, /*applied=*/false);
       while (took_a_step(&SessionFlow::Step)) {
       }
-      report_.Live(*flow_);  // before the searches, which take longer
+      report_.Live(*flow_, newest);  // before the searches, which take longer
     } while (took_a_step(&SessionFlow::Search) || (!more && !flow_->EndSteps()));
   });
   threads_.notify();  // windows may have their starts now

@@ -205,13 +205,13 @@ void SessionFlow::FoundLocked(const Doubt& doubt) {
   if (chain.head() == chain.until) chain.points.back() = chain.found.back();
 }
 
-std::vector<PointRun> SessionFlow::TakeLive() {
+std::vector<PointRun> SessionFlow::TakeLive(int64_t newest) {
   std::vector<PointRun> runs;
   absl::MutexLock lock(&mutex_);
   if (!options_.live) return runs;
   for (auto& [serial, entry] : entries_) {
     const Chain& chain = entry.live ? *entry.live : entry.chain;
-    const int64_t end = std::min(chain.head() + 1, entry.stop);
+    const int64_t end = std::min({chain.head(), newest, entry.stop - 1}) + 1;
     if (entry.report_from < chain.first || entry.report_from >= end) continue;
     runs.push_back(RunOf(entry, chain, end));
     entry.report_from = end;

@@ -73,8 +73,9 @@ class SessionFlow {
   bool Search() ABSL_LOCKS_EXCLUDED(mutex_);
   // False, and the right is kept: there is something new since BeginSteps.
   bool EndSteps() ABSL_LOCKS_EXCLUDED(mutex_);
-  // Positions of live chains that were not reported yet: provisional runs in pixels of the frame.
-  std::vector<PointRun> TakeLive() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Positions of live chains that were not reported yet, up to frame 'newest': provisional runs in pixels of the frame.
+  // What the stream says of points before that frame has been applied, so that nothing is reported of removed ones.
+  std::vector<PointRun> TakeLive(int64_t newest) ABSL_LOCKS_EXCLUDED(mutex_);
   // The newest frame without a gap before it; -1 before the first.
   int64_t newest() const ABSL_LOCKS_EXCLUDED(mutex_);
 

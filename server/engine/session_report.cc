@@ -54,11 +54,11 @@ void SessionReport::Tracks(std::vector<PointRun> runs, absl::Span<const TrackSet
   Emit(std::move(runs));
 }
 
-void SessionReport::Live(SessionFlow& flow) {
+void SessionReport::Live(SessionFlow& flow, int64_t newest) {
   // Taken under the lock, so that no estimate of a window overtakes one that it revises.
   absl::MutexLock lock(&mutex_);
   if (done_) return;
-  std::vector<PointRun> runs = flow.TakeLive();
+  std::vector<PointRun> runs = flow.TakeLive(newest);
   if (!runs.empty()) Emit(std::move(runs));
 }
 

@@ -53,8 +53,8 @@ class SessionReport {
   // 'ended': tracks whose last runs these are. 'newest': the newest frame there is.
   void Tracks(std::vector<PointRun> runs, absl::Span<const TrackSet::Dropped> ended, int64_t newest)
       ABSL_LOCKS_EXCLUDED(mutex_);
-  // Instant estimates that the flow has.
-  void Live(SessionFlow& flow) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Instant estimates that the flow has, up to frame 'newest'. REQUIRES: as SessionFlow::TakeLive.
+  void Live(SessionFlow& flow, int64_t newest) ABSL_LOCKS_EXCLUDED(mutex_);
   // How far the session is, where nothing has said so since.
   void Progress() ABSL_LOCKS_EXCLUDED(mutex_);
   // A checkpoint, an empty one where there will be no more, or none this time, and why. Nothing where a newer one, of a

@@ -44,12 +44,29 @@ TEST(SessionFlowTest, AFrameAtWhichAPointIsRemovedAndAddedAgainIsTheNewOnes) {
   for (int64_t frame = 0; frame < 2; ++frame) flow.AddFrame(frame, PictureAt(frame));
   while (flow.Step()) {
   }
-  const std::vector<PointRun> runs = flow.TakeLive();
+  const std::vector<PointRun> runs = flow.TakeLive(/*newest=*/1);
   ASSERT_EQ(runs.size(), 2u);
   EXPECT_EQ(runs[0].first_frame, 0);
   EXPECT_EQ(runs[0].x.size(), 1u) << "the removed one speaks of frame 0 alone";
   EXPECT_EQ(runs[1].first_frame, 1);
   EXPECT_EQ(runs[1].x.at(0), 70);
+}
+
+TEST(SessionFlowTest, OfFramesWhosePointsAreNotKnownYetNothingIsReported) {
+  SessionFlow::Options options;
+  options.live = true;
+  SessionFlow flow(options);
+  flow.SetGeometry(FrameGeometry(kPicture, kPicture, /*stride=*/1), SessionFlow::Scale());
+  flow.Apply({{PointOp::Kind::kSeed, /*frame=*/0, PointQuery{7, 40.5f, 50.25f}, /*serial=*/1}});
+  for (int64_t frame = 0; frame < 3; ++frame) flow.AddFrame(frame, PictureAt(frame));
+  while (flow.Step()) {
+  }
+  EXPECT_EQ(flow.TakeLive(/*newest=*/0).at(0).x.size(), 1u);
+  flow.Apply({{PointOp::Kind::kRemove, /*frame=*/1, PointQuery{7}}});
+  const std::vector<PointRun> runs = flow.TakeLive(/*newest=*/2);
+  ASSERT_EQ(runs.size(), 1u);
+  EXPECT_EQ(runs[0].first_frame, 1);
+  EXPECT_EQ(runs[0].x.size(), 1u) << "its last frame";
 }
 
 // A point of a picture that stands still and then jumps by 40 pixels, which flow cannot follow.
