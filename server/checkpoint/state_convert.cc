@@ -303,6 +303,7 @@ v1::SessionState ToProto(const SessionState& state) {
   out.set_processing_height(state.processing_size.height);
   out.set_hop_frames(state.hop_frames);
   out.set_iterations(state.iterations);
+  if (state.least_step) out.set_least_step(*state.least_step);
   out.set_motion_prior(state.motion_prior);
   out.set_polish(state.polish);
   out.set_next_frame(state.next_frame);
@@ -325,6 +326,7 @@ absl::StatusOr<SessionState> FromProto(const v1::SessionState& message) {
   state.processing_size = {static_cast<int>(message.processing_width()), static_cast<int>(message.processing_height())};
   state.hop_frames = static_cast<int>(message.hop_frames());
   state.iterations = static_cast<int>(message.iterations());
+  if (message.has_least_step()) state.least_step = message.least_step();
   state.motion_prior = message.motion_prior();
   state.polish = message.polish();
   state.next_frame = message.next_frame();

@@ -142,7 +142,7 @@ class EngineImpl final : public Engine {
       return absl::FailedPreconditionError("config.resume_token: this server has no checkpoints");
     absl::StatusOr<SessionState> state = options_.sealer->Unseal(config.resume_token);
     if (!state.ok()) return state.status();
-    const absl::StatusOr<SessionConfig> resumed = ResumedConfig(config, *state, model_->info());
+    const absl::StatusOr<SessionConfig> resumed = ResumedConfig(config, *state, model_->info(), options_.least_step);
     if (!resumed.ok()) return resumed.status();
     return OpenSession(*resumed, *std::move(state), listener);
   }
@@ -273,6 +273,7 @@ class EngineImpl final : public Engine {
     // The published chaining carries templates from window to window, which no token has room for.
     options.sealer = options_.chaining == Chaining::kPublished ? nullptr : options_.sealer;
     options.weights_sha256 = model_->info().weights_sha256;
+    options.least_step = options_.least_step;
     options.stride = model_->info().stride;
     options.max_cached_frames = accepted.window_frames + accepted.hop_frames + options_.max_pending_frames;
     return options;

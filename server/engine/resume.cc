@@ -89,13 +89,16 @@ bool IsPossible(const ObjectState& object, const SessionState& state) {
 }  // namespace
 
 absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const SessionState& state,
-                                            const ModelInfo& model) {
+                                            const ModelInfo& model, double least_step) {
   if (state.weights_sha256 != model.weights_sha256) {
     return Mismatch("weights", state.weights_sha256.substr(0, 12), model.weights_sha256.substr(0, 12));
   }
   absl::Status status = CheckSizes(config, state);
   status.Update(CheckHop(config, state.hop_frames));
   status.Update(CheckCount("iterations", config.iterations, state.iterations));
+  if (state.least_step.value_or(least_step) != least_step) {
+    status.Update(Mismatch("least_step", absl::StrCat(*state.least_step), absl::StrCat(least_step)));
+  }
   status.Update(CheckSwitch("motion_prior", config.motion_prior, state.motion_prior));
   status.Update(CheckSwitch("polish", config.polish, state.polish));
   if (config.encoding != state.encoding) status.Update(Impossible("made with frames of another encoding"));

@@ -14,11 +14,12 @@
 
 namespace holdfast {
 
-// 'config' with what it leaves open filled in from 'state', and without points, which the state holds.
+// 'config' with what it leaves open filled in from 'state', and without points, which the state holds. 'least_step' is
+// this server's.
 // FAILED_PRECONDITION names what the state was made with and this session cannot have: other weights, another encoding,
 // size, hop...
 absl::StatusOr<SessionConfig> ResumedConfig(const SessionConfig& config, const SessionState& state,
-                                            const ModelInfo& model);
+                                            const ModelInfo& model, double least_step);
 
 // Whether tracks of these windows, and of templates of so many channels, can go on from the state; FAILED_PRECONDITION
 // says what is impossible about it. What a sealer has sealed is always possible: this keeps a leaked key from being a

@@ -48,6 +48,7 @@ class Session : public std::enable_shared_from_this<Session> {
     int64_t max_cached_frames = 0;             // above a window, so that a full cache always holds a window that is due
     const CheckpointSealer* sealer = nullptr;  // null: no checkpoints; outlives the session
     std::string weights_sha256;
+    double least_step = 0;  // of EngineOptions, for checkpoints
   };
   struct Threads {
     std::function<void(std::function<void()>)> submit;  // runs a job on a thread of the decode pool

@@ -48,6 +48,7 @@ SessionState Session::State() {
   state.processing_size = accepted.processing_size;
   state.hop_frames = accepted.hop_frames;
   state.iterations = accepted.iterations;
+  state.least_step = options_.least_step;
   state.motion_prior = accepted.motion_prior;
   state.polish = accepted.polish;
   const FeatureCache& cache = tracks_.cache();

@@ -23,6 +23,7 @@ struct SessionState {
   ImageSize processing_size;
   int hop_frames = 0;
   int iterations = 0;
+  std::optional<double> least_step;  // of EngineOptions; absent: a token older than this field does not say
   bool motion_prior = false;
   bool polish = false;
 

@@ -34,6 +34,7 @@ class RandomState {
     state.processing_size = {512, 384};
     state.hop_frames = 8;
     state.iterations = 4;
+    state.least_step = 0.5;
     state.motion_prior = Below(2) == 0;
     state.polish = Below(2) == 0;
     state.next_frame = 1000 + Below(1000);
@@ -143,8 +144,9 @@ class StateBits {
     StateBits bits;
     bits.Add(state.weights_sha256.size(), state.encoding, state.frame_size.width, state.frame_size.height,
              state.processing_size.width, state.processing_size.height, state.hop_frames, state.iterations,
-             state.motion_prior, state.polish, state.next_frame, state.taken_frame, state.next_serial,
-             state.summary.frames, state.summary.points, state.summary.final_samples, state.tracks.size());
+             state.least_step.value_or(-1), state.motion_prior, state.polish, state.next_frame, state.taken_frame,
+             state.next_serial, state.summary.frames, state.summary.points, state.summary.final_samples,
+             state.tracks.size());
     bits.bits_ += state.weights_sha256;
     for (const SessionState::Track& track : state.tracks) bits.AddTrack(track);
     for (const ObjectState& object : state.objects) bits.AddObject(object);

@@ -53,6 +53,11 @@ TEST_F(MismatchTest, OtherWeightsAndOptionsAreNamed) {
   config = MakeConfig();
   config.iterations = 9;
   EXPECT_THAT(Try(state, config), refused("iterations"));
+  SessionState steps = state;
+  steps.least_step = 1.5;
+  EXPECT_THAT(Try(steps), refused("least_step 1.5, this session has 0.5"));
+  steps.least_step.reset();
+  EXPECT_THAT(Try(steps), IsOk()) << "an older token does not say";
   config = MakeConfig();
   config.polish = false;
   EXPECT_THAT(Try(state, config), refused("polish on, this session has off"));
