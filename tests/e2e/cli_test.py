@@ -4,6 +4,7 @@
 Usage: cli_test.py HOLDFAST_SERVER HOLDFAST
 """
 import csv
+import http.server
 import io
 import json
 import math
@@ -16,6 +17,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import unittest
 import zipfile
 from xml.etree import ElementTree
@@ -48,6 +50,25 @@ def jpegs(video):
         file = io.BytesIO()
         Image.frombytes("L", (WIDTH, HEIGHT), frame[:WIDTH * HEIGHT]).save(file, "JPEG", quality=95)
         yield file.getvalue()
+
+
+class NetworkCamera(http.server.BaseHTTPRequestHandler):
+    """Shows these JPEGs at /camera, one after the other in one answer, as network cameras do."""
+    pictures = ()
+
+    def do_GET(self):
+        if self.path != "/camera":
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=next")
+        self.end_headers()
+        for picture in self.pictures:
+            self.wfile.write(b"--next\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(picture))
+            self.wfile.write(picture + b"\r\n")
+
+    def log_message(self, *_):
+        pass
 
 
 def npy(content):
@@ -173,11 +194,27 @@ class CliTest(unittest.TestCase):
         self.assertTrue(tracks["complete"])
         return [dict(zip(point["frames"], point["xy"])) for point in tracks["points"]]
 
-    def assert_same_tracks(self, got, wanted):
+    def assert_same_tracks(self, got, wanted, delta=0.0021):
         self.assertEqual(sorted(got), sorted(wanted))
         for frame, position in wanted.items():
             for a, b in zip(got[frame], position):
-                self.assertAlmostEqual(a, b, delta=0.0021, msg=f"frame {frame}")
+                self.assertAlmostEqual(a, b, delta=delta, msg=f"frame {frame}")
+
+    def test_a_camera_of_the_network_is_read_as_its_pictures_are(self):
+        pictures = list(jpegs(moving_picture(FEW_FRAMES)))
+        handler = type("Camera", (NetworkCamera,), {"pictures": pictures})
+        camera = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self.addCleanup(camera.server_close)
+        self.addCleanup(camera.shutdown)
+        threading.Thread(target=camera.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{camera.server_address[1]}"
+        followed = self.track(f"{address}/camera", "1,40.5,50.25,0\n")
+        same = self.track(self.pictures("same", pictures), "1,40.5,50.25,0\n")
+        self.assert_same_tracks(followed[0], same[0], delta=0.05)  # another decoder reads them
+        missing = self.holdfast("track", f"{address}/no-camera", f"--server={self.server.address}", "--grid=2",
+                                f"--out={self.path('none.json')}")
+        self.assertEqual(missing.returncode, 1)
+        self.assertIn(f"{address}/no-camera: is not a video that can be read: Server returned 404", missing.stderr)
 
     def test_both_follows_a_point_as_if_the_video_ran_backwards_from_its_query(self):
         frames = list(jpegs(moving_picture(40)))
