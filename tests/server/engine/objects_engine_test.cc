@@ -86,6 +86,8 @@ class ObjectsEngineTest : public EngineTest {
     model_->keep_starts = true;
     model_->step = 0;
   }
+  // A session that is over may still be sealing a checkpoint.
+  ~ObjectsEngineTest() override { engine_.reset(); }
   static SessionConfig MakeConfig() {
     SessionConfig config = Config();
     config.raw_size = config.processing_size = kPicture;

@@ -91,6 +91,8 @@ class ResumeTest : public EngineTest {
     model_->keep_starts = true;
     model_->step = 0.03f;
   }
+  // A session that is over may still be sealing a checkpoint.
+  ~ResumeTest() override { engine_.reset(); }
 
   static SessionConfig MakeConfig(int hop = 8) {
     SessionConfig config = Config(Script::AtFirst(), hop);
