@@ -3,22 +3,90 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
 #include <optional>
 #include <string>
+#include <system_error>
 
 #include "absl/strings/match.h"
 #include "absl/strings/string_view.h"
-#include "client/cli/container_file.h"
 
 namespace holdfast {
 namespace {
 
 constexpr absl::string_view kEbml = "\x1A\x45\xDF\xA3", kSegment = "\x18\x53\x80\x67";  // of Matroska
 
+// A video file as bytes, for what its container says and FFmpeg does not tell. What is no file, or cannot be read, is
+// empty.
+class ContainerFile {
+ public:
+  explicit ContainerFile(const std::string& path);
+
+  bool Holds(uint64_t at, uint64_t count) const { return at <= size_ && count <= size_ - at; }
+  // Fewer at the end of the file.
+  std::string Read(uint64_t at, size_t count);
+
+ private:
+  std::ifstream file_;
+  uint64_t size_ = 0;
+};
+
+ContainerFile::ContainerFile(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return;  // a pipe is read once
+  file_.open(path, std::ios::binary);
+  const uintmax_t size = std::filesystem::file_size(path, error);
+  size_ = error ? 0 : size;
+}
+
+std::string ContainerFile::Read(uint64_t at, size_t count) {
+  std::string bytes(count, '\0');
+  file_.clear();
+  file_.seekg(static_cast<std::streamoff>(at));
+  file_.read(bytes.data(), static_cast<std::streamsize>(count));
+  bytes.resize(static_cast<size_t>(file_.gcount()));
+  return bytes;
+}
+
+uint64_t BigEndian(absl::string_view bytes) {
+  uint64_t value = 0;
+  for (const char byte : bytes) value = value << 8 | static_cast<uint8_t>(byte);
+  return value;
+}
+
 uint64_t LittleEndian(absl::string_view bytes) {
   uint64_t value = 0;
   for (size_t i = bytes.size(); i-- > 0;) value = value << 8 | static_cast<uint8_t>(bytes[i]);
   return value;
+}
+
+// Of what MP4 and QuickTime files consist.
+struct Mp4Box {
+  std::string type;      // four letters
+  uint64_t content = 0;  // where it begins
+  uint64_t length = 0;   // of that; the file may end before
+};
+
+// Whether the file begins as an MP4 or QuickTime one does.
+bool IsMp4(ContainerFile& file) {
+  const std::string head = file.Read(0, 12);
+  for (const char* type : {"ftyp", "moov", "mdat", "wide"}) {
+    if (head.size() == 12 && head.substr(4, 4) == type) return true;
+  }
+  return false;
+}
+
+// The box at 'at'; none where there is none, and for a last one that reaches to the end of the file, wherever that is.
+// Its length comes first, that of a large one behind its type. Both count themselves.
+std::optional<Mp4Box> Mp4BoxAt(ContainerFile& file, uint64_t at) {
+  if (!file.Holds(at, 8)) return {};
+  const std::string head = file.Read(at, 16);
+  const bool large = BigEndian(head.substr(0, 4)) == 1;
+  const uint64_t header = large ? 16 : 8;
+  const uint64_t length = BigEndian(large ? head.substr(8) : head.substr(0, 4));
+  if (head.size() < header || length < header) return {};
+  return Mp4Box{head.substr(4, 4), at + header, length - header};
 }
 
 bool LacksEndOfMp4(ContainerFile& file) {
