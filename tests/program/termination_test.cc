@@ -9,6 +9,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <thread>
+#include <vector>
 
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
@@ -97,35 +98,33 @@ class AskedClock final : public Clock {
   SteadyTime now_ ABSL_GUARDED_BY(mutex_);
 };
 
-// Runs until a signal ends the process.
-[[noreturn]] void ReceiveTwice(int first, int second) {
+struct SignalAfter {
+  absl::Duration pause;
+  int number = 0;
+};
+
+// Receives 'first', then the others, each that long after the one before, until a signal ends the process.
+[[noreturn]] void Receive(int first, const std::vector<SignalAfter>& others) {
   StopSignal stop;
   AskedClock clock;
   stop.SetCallback([] {});
   const TerminationWatcher watcher(stop, clock);
   kill(getpid(), first);
-  clock.AwaitAsked(1);
-  clock.Advance(kSameRequest);
-  kill(getpid(), second);
+  int received = 0;
+  for (const SignalAfter& next : others) {
+    clock.AwaitAsked(++received);
+    clock.Advance(next.pause);
+    kill(getpid(), next.number);
+  }
   absl::Notification().WaitForNotification();
   std::abort();
 }
 
-// As above, but 'soon' comes with the first one.
+[[noreturn]] void ReceiveTwice(int first, int second) { Receive(first, {{kSameRequest, second}}); }
+
+// 'soon' comes with the first one.
 [[noreturn]] void ReceiveThrice(int first, int soon, int later) {
-  StopSignal stop;
-  AskedClock clock;
-  stop.SetCallback([] {});
-  const TerminationWatcher watcher(stop, clock);
-  kill(getpid(), first);
-  clock.AwaitAsked(1);
-  clock.Advance(kSameRequest / 2);
-  kill(getpid(), soon);
-  clock.AwaitAsked(2);
-  clock.Advance(kSameRequest / 2);
-  kill(getpid(), later);
-  absl::Notification().WaitForNotification();
-  std::abort();
+  Receive(first, {{kSameRequest / 2, soon}, {kSameRequest / 2, later}});
 }
 
 [[noreturn]] void ReceiveWithoutListener(int signal) {
